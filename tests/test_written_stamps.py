@@ -70,6 +70,20 @@ def test_hours_of_half_a_day_begin_with_twelve():
     ]
 
 
+@pytest.mark.parametrize("between", ["--", "-", "_", "T", " "])
+def test_dashes_between_all_numbers(between):
+    """As a ground station for rockets writes them: 2024-3-23--13-41-38-830, milliseconds without zeros before them."""
+    passing = moments(datetime(2026, 3, 4, 23, 59, 58, 5000, tzinfo=UTC), 40, 0.155)
+    written = [
+        f"{m.year}-{m.month}-{m.day}{between}{m.hour}-{m.minute}-{m.second}-{m.microsecond // 1000}"
+        for m in passing
+    ]
+    assert all(is_stamp(text) for text in written)
+    np.testing.assert_allclose(read(written), [m.timestamp() for m in passing], atol=2.4e-7)
+    whole = [f"2026-03-04{between}23-59-{s:02d}" for s in (58, 59)]
+    np.testing.assert_array_equal(np.diff(read(whole)), [1.0])
+
+
 def test_minutes_that_a_spreadsheet_left_begin_anew_each_hour():
     np.testing.assert_allclose(read(["59:59.5", "00:00.0", "0:00.5"]), [3599.5, 3600.0, 3600.5])
 
@@ -78,7 +92,21 @@ def test_hours_and_minutes_alone_are_a_time_of_day():
     assert read(["23:59", "00:00"]).tolist() == [86340.0, 86400.0]
 
 
-@pytest.mark.parametrize("label", ["3_10", "1:5", "12/11/2026", "pose 1", "AM", "1.2.3", "x"])
+@pytest.mark.parametrize(
+    "label",
+    [
+        "3_10",
+        "1:5",
+        "12-41-38",
+        "10-20-30-40",
+        "1-555-010-9999",
+        "12/11/2026",
+        "pose 1",
+        "AM",
+        "1.2.3",
+        "x",
+    ],
+)
 def test_what_is_no_time_is_none(label):
     assert not is_stamp(label)
     assert read([label, label]) is None
@@ -92,6 +120,7 @@ def test_what_is_no_time_is_none(label):
         (["10:00:00", "x"], "'x' in row 1, where a stamp like '10:00:00'"),
         (["00:00.5", "10"], "'10' in row 1, where a stamp like '00:00.5'"),
         (["1/1/1626 10:00:00"], "which is no day"),
+        (["2026-3-4--10-00-00-5", "2026-3-4--10-00"], "row 1, where a stamp like"),
     ],
 )
 def test_a_row_that_is_none_is_named(rows, message):

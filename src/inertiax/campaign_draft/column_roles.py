@@ -20,6 +20,7 @@ from .column_numbers import (
 )
 from .column_triads import called, is_of_quaternion, of_one_six, triads_by_name
 from .column_words import (
+    behind_owner,
     FILES,
     FORCE_UNITS,
     is_a_rate,
@@ -156,6 +157,7 @@ def _as_magnetometers(log: RawLog, roles: Roles) -> Roles:
 def _by_name(log: RawLog) -> Roles:
     triads = triads_by_name(log.names)
     kinds: dict[str, list[tuple[str, str, str]]] = {"accel": [], "gyro": []}
+    owned: dict[str, list[tuple[str, str, str]]] = {"accel": [], "gyro": []}
     unnamed: list[tuple[str, str, str]] = []
     mags: list[tuple[str, str, str]] = []
     references: dict[str, tuple[str, str, str]] = {}
@@ -171,8 +173,16 @@ def _by_name(log: RawLog) -> Roles:
             continue
         if means("other", first) and not (sole and means("accel", first)):
             continue
-        kind = kind_of(first, log.hint(triad[0]))
-        (unnamed if kind is None else kinds[kind]).append(triad)
+        kind, field = kind_of(first, log.hint(triad[0])), behind_owner(first)
+        if kind is not None or field == first or field == "x":
+            (unnamed if kind is None else kinds[kind]).append(triad)
+        elif means("mag", field) and not means("no_mag", first):
+            mags.append(triad)
+        else:
+            kind = kind_of(field, log.hint(triad[0]))
+            (unnamed if kind is None else owned[kind]).append(triad)
+    for kind, of_owners in owned.items():  # a name that says it by itself comes first
+        kinds[kind] += of_owners
     rates = [t for t in unnamed if is_a_rate(log.hint(t[0]))]
     if rates and not kinds["gyro"]:
         kinds["gyro"], unnamed = rates[:1], [t for t in unnamed if t not in rates[:1]]

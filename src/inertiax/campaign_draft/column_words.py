@@ -205,6 +205,7 @@ SYMBOLS: dict[str, Literal["accel", "gyro"]] = {
     "w": "gyro", "ω": "gyro", "om": "gyro", "av": "gyro", "g": "gyro", "gy": "gyro",
 }  # fmt: skip
 _OWNER = re.compile(r"imu|sens|raw|body|dut|dev|mpu|icm|bmi|lsm|[a-z]?\d")
+_BETWEEN_WORDS = re.compile(r"[^a-z0-9ω]+")
 # A rate in words that no angle has.
 _RATE = re.compile(rf"(?:{_DEGREE}|rad\w*|\bd) ?(?:/|_?per_?|pro) ?s|dps(?![a-z])|rads(?![a-z])")
 
@@ -235,9 +236,18 @@ def symbol(name: str) -> Literal["accel", "gyro"] | None:
     """
     if not name.endswith("_x"):
         return None
-    words = re.split(r"[^a-z0-9ω]+", plain(name))
+    words = _BETWEEN_WORDS.split(plain(name))
     first = next((w for w in words if not _OWNER.match(w)), "")
     return SYMBOLS.get(first)
+
+
+def behind_owner(name: str) -> str:
+    """What stands behind the names of a struct and of a device: `a_x` of lowg_data.a_x and of kx_imu_a_x; the name
+    itself where neither is there."""
+    field = name.rsplit(".", 1)[-1]
+    words = _BETWEEN_WORDS.split(field)
+    owners = [k for k, word in enumerate(words[:-1]) if _OWNER.match(word)]
+    return "_".join(words[owners[-1] + 1 :]) if owners else field
 
 
 def is_a_rate(hint: str) -> bool:

@@ -1,7 +1,8 @@
 """Times written as text, to seconds: ISO 8601, and as stations and spreadsheets write days and hours.
 
 `2026-01-31T12:00:00.25Z`, with a blank for the T, with an offset for the Z, a colon before the milliseconds, all with
-underscores as in names of files (2026_01_31_12_00_00.25); `1/31/2026 9:05:00 PM`, `31.01.2026 21:05`, `31-Jan-2026
+underscores as in names of files (2026_01_31_12_00_00.25) or with dashes (2026-1-31--12-00-00-250, whose last number
+are milliseconds without zeros before them); `1/31/2026 9:05:00 PM`, `31.01.2026 21:05`, `31-Jan-2026
 21:05:00`; the time of day alone, which may pass midnight once or more; and minutes and seconds, `05:00.3`, to which a
 spreadsheet cuts a time with a fraction.
 """
@@ -30,7 +31,11 @@ _PARTS = (
     rf"\s?(?:(?P<half>{_HALF})|Z|UTC|(?P<sign>[+-])(?P<east>\d{{2}}):?(?P<further>\d{{2}}))?\s*$"
 )
 _CUT = r"^\s*(?P<minute>\d{1,2}):(?P<seconds>\d{2}[.,]\d+)\s*$"
-_STAMP, _CUT_STAMP = re.compile(_PARTS), re.compile(_CUT)
+_DASHES = (
+    rf"(?i)^\s*(?P<date>{_WHOLE_DATE})(?:--?|[ _T])(?P<hour>\d{{1,2}})-(?P<minute>\d{{1,2}})-(?P<seconds>\d{{1,2}})"
+    r"(?:-(?P<parts>\d{1,9}))?\s*$"
+)
+_STAMP, _CUT_STAMP, _DASHED = re.compile(_PARTS), re.compile(_CUT), re.compile(_DASHES)
 _AFTERNOON = ("p", "下", "午後", "오후")
 _YEAR_FIRST, _DAY_FIRST, _MONTH_FIRST = (
     (0, 1, 2),
@@ -44,7 +49,7 @@ _LAST_CENTURY = 90.0  # years of two digits from here on
 
 def is_stamp(text: str) -> bool:
     """Whether a field is a time as `seconds_of` reads them."""
-    return _has_clock(text) or _CUT_STAMP.fullmatch(text) is not None
+    return _has_clock(text) or any(p.fullmatch(text) for p in (_CUT_STAMP, _DASHED))
 
 
 def _has_clock(text: str) -> bool:
@@ -66,6 +71,8 @@ def seconds_of(text: pl.Series, where: str) -> Float[np.ndarray, " rows"] | None
         return None
     if _CUT_STAMP.fullmatch(text[0]):
         return _of_minutes(text, where)
+    if _DASHED.fullmatch(text[0]):
+        return _of_dashes(text, where)
     if not _has_clock(text[0]):
         return None
     parts = text.str.extract_groups(_PARTS).struct.unnest()
@@ -82,6 +89,12 @@ def seconds_of(text: pl.Series, where: str) -> Float[np.ndarray, " rows"] | None
     clock = clock - np.where((parts.get_column("sign") == "-").fill_null(False), -east, east)
     if not dated[0]:
         return _unrolled(clock, _DAY)
+    return _dated(text, parts, clock, where)
+
+
+def _dated(
+    text: pl.Series, parts: pl.DataFrame, clock: Float[np.ndarray, " rows"], where: str
+) -> Float[np.ndarray, " rows"]:
     days = _days(parts, clock)
     _refuse(text, pl.Series(np.isnan(days)), where)
     return _DAY * days + clock
@@ -92,6 +105,17 @@ def _of_minutes(text: pl.Series, where: str) -> Float[np.ndarray, " rows"]:
     parts = text.str.extract_groups(_CUT).struct.unnest()
     _refuse(text, parts.get_column("minute").is_null(), where)
     return _unrolled(60.0 * _number(parts, "minute") + _number(parts, "seconds"), _HOUR)
+
+
+def _of_dashes(text: pl.Series, where: str) -> Float[np.ndarray, " rows"]:
+    """A date and a time of dashes alone. Parts of a second are as fine as the longest says, for zeros before them may
+    be left out: of -5, -38 and -830 all are milliseconds."""
+    parts = text.str.extract_groups(_DASHES).struct.unnest()
+    _refuse(text, parts.get_column("date").is_null(), where)
+    finest = int(parts.get_column("parts").fill_null("").str.len_chars().to_numpy().max())
+    below = _number(parts, "parts") / 10.0**finest
+    clock = 3600.0 * _number(parts, "hour") + 60.0 * _number(parts, "minute")
+    return _dated(text, parts, clock + _number(parts, "seconds") + below, where)
 
 
 def _unrolled(clock: Float[np.ndarray, " rows"], turn: float) -> Float[np.ndarray, " rows"]:
