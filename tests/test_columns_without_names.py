@@ -70,3 +70,24 @@ def test_a_coarse_axis_that_stands_still_is_an_output(tmp_path):
     path = written(tmp_path / "log.csv", (10.0 * np.arange(2000), accel, gyro))
     names = draft(path)["recordings"]["names"]
     assert names == ["time", *(f"{t}_{a}" for t in ("accel", "gyro") for a in "xyz")]
+
+
+def test_gyros_in_a_text_named_as_matlab_names_its_files(tmp_path):
+    """imu_tk's public `xsens_gyro.mat`: the draft said gyros, and its file was read as accelerometers of 5.6e4 m/s²."""
+    path = tmp_path / "xsens_gyro.mat"
+    np.savetxt(path, np.column_stack([TIME, np.round(32_768.0 + 131.0 * GYRO / DEGREE)]))
+    found = draft(path)
+    assert found["recordings"]["format"] == "csv"
+    assert found["recordings"]["names"] == ["time", "gyro_x", "gyro_y", "gyro_z"]
+    (recording,) = load_campaign(tmp_path).recordings
+    assert recording.accel is None
+    np.testing.assert_allclose(recording.gyro, GYRO, atol=0.51 * DEGREE / 131.0)
+
+
+def test_both_triads_in_a_text_named_as_matlab_names_its_files(tmp_path):
+    path = tmp_path / "imu.mat"
+    np.savetxt(path, np.column_stack([TIME, ACCEL, GYRO]))
+    assert draft(path)["recordings"]["format"] == "csv"
+    (recording,) = load_campaign(tmp_path).recordings
+    np.testing.assert_allclose(recording.accel, ACCEL, atol=1e-9)
+    np.testing.assert_allclose(recording.gyro, GYRO, atol=1e-9)

@@ -18,6 +18,7 @@ from ..storage.harmless_text import short
 
 _NUMERIC = 0.99  # of a column's rows hold numbers; the rest are dropouts for `calibrate` to refuse
 _MOST_UNIT_ROWS = 5
+_IMU_TK = ("time", "x", "y", "z")
 _FIRST_ROWS, _MOST_WORDS = 1000, 64  # of a column of text that are looked at
 _RATE = re.compile(
     r"(?:rate|\bfs\b|\bodr\b|freq\w*|hz)[^0-9a-z]{0,6}([0-9]+(?:\.[0-9]+)?)|([0-9]+(?:\.[0-9]+)?)\s*hz",
@@ -115,9 +116,18 @@ def read_log(path: Path) -> RawLog:
         )
     layout = find_layout(text, path.name)
     names = layout.names or unnamed(layout.width)
-    if chosen is imu_tk and layout.names is None:
-        names = ("time", "x", "y", "z")[: layout.width]
+    if chosen is imu_tk and layout.names is None and layout.width == len(_IMU_TK):
+        names = _IMU_TK
+    else:
+        chosen = csv  # a text that is called as imu_tk's are
     return _from_table(csv.read_table(path, names), path, chosen.NAME, layout)
+
+
+def as_text(log: RawLog) -> RawLog:
+    """A log of imu_tk's layout as any text without a header line: of one that holds no accelerometers."""
+    assert log.layout is not None  # imu_tk's files are text
+    numbers = dict(zip(unnamed(log.layout.width), log.numbers.values(), strict=True))
+    return log._replace(format=csv.NAME, numbers=numbers)
 
 
 def unnamed(width: int) -> tuple[str, ...]:

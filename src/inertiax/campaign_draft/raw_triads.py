@@ -6,11 +6,12 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
+from ..data.formats import imu_tk
 from ..data.pairing import pair
 from ..data.recording import Recording
 from .clock import Clock, clock_of
 from .column_roles import Roles, roles_of
-from .raw_log import RawLog, read_log, unnamed
+from .raw_log import as_text, RawLog, read_log, unnamed
 
 
 # Of the stamps: a clock that stands still more often is coarse, and rows that are equal may be samples (convention).
@@ -70,6 +71,10 @@ def read_triads(path: Path, gyro_path: Path | None) -> RawTriads:
 
 def _read(path: Path, log: RawLog, gyro_path: Path | None) -> RawTriads:
     roles = roles_of(log, None if gyro_path is None else "accel")
+    # The format's own reader takes one file for accelerometers.
+    if log.format == imu_tk.NAME and roles.accel is None:
+        log = as_text(log)
+        roles = roles_of(log)
     log = _samples(log, roles)
     clock = clock_of(log, roles.time, len(next(iter(log.numbers.values()))), roles.temperature)
     accel, gyro = columns(log, roles.accel), columns(log, roles.gyro)

@@ -11,6 +11,7 @@ from .toml_text import Line, Table
 
 
 _MOST_FILES = 4  # that are named one by one where a glob would do
+_OTHERS_SUFFIXES = (".gcsv", ".mat")  # of text that other formats call so, too
 _SPACES = {",": "commas", ";": "semicolons", "\t": "tabs", " ": "blanks"}
 
 
@@ -35,7 +36,7 @@ def recordings_table(
     if sections_file(found).is_file():
         why = f"{sections_file(found).name} labels its sections; turns are of -360 deg, say turn_angle otherwise"
         lines.append(Line("format", "imucal", why))
-    elif log.format == "csv" and log.path.suffix.lower() == ".gcsv":
+    elif log.format == "csv" and log.path.suffix.lower() in _OTHERS_SUFFIXES:
         lines.append(Line("format", "csv"))
     if layout is not None and layout.header_line not in (None, 1):
         lines.append(
