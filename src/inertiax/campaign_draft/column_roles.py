@@ -1,7 +1,8 @@
 """Which column is what: by its name, and in a file without names by its numbers."""
 
 import re
-from typing import NamedTuple
+from os.path import commonprefix
+from typing import Literal, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -173,14 +174,15 @@ def _by_name(log: RawLog) -> Roles:
             continue
         if means("other", first) and not (sole and means("accel", first)):
             continue
-        kind, field = kind_of(first, log.hint(triad[0])), behind_owner(first)
-        if kind is not None or field == first or field == "x":
-            (unnamed if kind is None else kinds[kind]).append(triad)
-        elif means("mag", field) and not means("no_mag", first):
+        kind = kind_of(first, log.hint(triad[0]))
+        if kind is not None:
+            kinds[kind].append(triad)
+            continue
+        told = _by_owner(triad, first, log.hint(triad[0]))
+        if told == "mag":
             mags.append(triad)
-        else:
-            kind = kind_of(field, log.hint(triad[0]))
-            (unnamed if kind is None else owned[kind]).append(triad)
+        elif told != "other":
+            (unnamed if told is None else owned[told]).append(triad)
     for kind, of_owners in owned.items():  # a name that says it by itself comes first
         kinds[kind] += of_owners
     rates = [t for t in unnamed if is_a_rate(log.hint(t[0]))]
@@ -211,7 +213,8 @@ def _by_name(log: RawLog) -> Roles:
     ]
     taken = {n for t in triads for n in t}
     free = [n for n in (*log.stamps, *log.names) if n not in taken]
-    temperature = [n for n in free if means("temperature", n)] or _t_that_is_no_time(log, free)
+    temperature = [n for n in free if means("temperature", n) and not _tells_years(log, n)]
+    temperature = temperature or _t_that_is_no_time(log, free)
     # Dead ones last, and before them those of the chamber, which the device follows late
     temperature.sort(
         key=lambda n: (n in log.numbers and not np.any(log.numbers[n]), means("surroundings", n))
@@ -221,6 +224,8 @@ def _by_name(log: RawLog) -> Roles:
     notes += [f"{n}: a further temperature, left aside" for n in temperature[1:]]
     if not times:  # what rises throughout is a clock, whatever its name is but a counter's
         times = [n for n in free if n in log.numbers and rises(log, n) and not means("counter", n)]
+        for triad in kinds["accel"][:1]:  # of several groups that of the accelerometers
+            times.sort(key=lambda n: -len(commonprefix((n.rpartition("/")[0], triad[0]))))
     return Roles(
         _best_time(log, times),
         next(iter(kinds["accel"]), None),
@@ -239,9 +244,33 @@ def _by_name(log: RawLog) -> Roles:
     )
 
 
+def _by_owner(
+    triad: tuple[str, str, str], first: str, hint: str
+) -> Literal["accel", "gyro", "mag", "other"] | None:
+    """What a triad is by what stands behind the name of its struct or device, else by the groups that it lies in
+    (`ACCELEROMETER_3D/0x0268fd9f/x/v`), the inner ones first."""
+    groups = [f"{plain(g)}_x" for g in reversed(triad[0].split("/")[:-1]) if len(g) > 1]
+    for name in (behind_owner(first), *groups):
+        if name in (first, "x"):
+            continue
+        if means("mag", name):
+            return None if means("no_mag", first) else "mag"
+        if means("other", name):
+            return "other"
+        kind = kind_of(name, hint)
+        if kind is not None:
+            return kind
+    return None
+
+
 def _reads_nothing(log: RawLog, triad: tuple[str, str, str]) -> bool:
     """Whether all three columns are zero or empty throughout."""
     return not any(np.nan_to_num(log.numbers[n]).any() for n in triad if n in log.numbers)
+
+
+def _tells_years(log: RawLog, name: str) -> bool:
+    """Whether a column of numbers holds times since 1970: the stamps in a temperature's group are called so, too."""
+    return name in log.numbers and is_since_1970(log.numbers[name])
 
 
 def _t_that_is_no_time(log: RawLog, free: list[str]) -> list[str]:

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from .clock import ALL_UNITS, Clock
-from .raw_log import RawLog, read_log
+from .raw_log import RawLog, read_logs
 from .raw_triads import columns, in_rows, RawTriads
 
 
@@ -17,7 +17,11 @@ _APART = 30
 
 def alike(log: RawLog, others: Sequence[Path]) -> tuple[RawLog, ...]:
     """The further recordings. Raises `ValueError` where one lacks a column of numbers that the first one has."""
-    found = tuple(read_log(path) for path in others)
+    wanted = {*log.stamps, *log.names}
+    found = []
+    for path in others:
+        held = read_logs(path)  # of several lengths those with the same columns
+        found.append(next((x for x in held if wanted <= {*x.stamps, *x.names}), held[0]))
     for other in found:
         names = (*other.stamps, *other.names)
         missing = [n for n in (*log.stamps, *log.names) if n not in names]
@@ -27,7 +31,7 @@ def alike(log: RawLog, others: Sequence[Path]) -> tuple[RawLog, ...]:
                 "logs of the same columns together, a table's own logs as --table FILE, which goes before each of "
                 "them, a temperature's as --temperature FILE, and the others a campaign of their own."
             )
-    return found
+    return tuple(found)
 
 
 def followed_by(first: RawTriads, others: Sequence[RawLog]) -> RawTriads:

@@ -3,6 +3,7 @@
 import re
 import shlex
 from pathlib import Path
+from types import ModuleType
 from typing import NamedTuple
 
 import numpy as np
@@ -99,13 +100,24 @@ def read_log(path: Path) -> RawLog:
 
     Raises `ValueError` where the file is in another format, or holds no numbers.
     """
+    return read_logs(path)[0]
+
+
+def read_logs(path: Path) -> list[RawLog]:
+    """The columns of numbers of each length that a file holds, most files one alone. Raises as `read_log` does."""
     chosen = detect(path)
     if chosen in (hdf5, matlab):
-        table, notes = chosen.described(path)
-        log = _from_table(table, path, chosen.NAME, None)
-        return log._replace(notes=notes, words=array_notes.words_of(notes, log.numbers))
+        tables, notes = chosen.described(path)
+        filled = [t for t in tables if any(d.is_numeric() for d in t.dtypes)]
+        logs = [_from_table(t, path, chosen.NAME, None) for t in filled or tables[:1]]
+        words = lambda log: array_notes.words_of(notes, log.numbers)
+        return [log._replace(notes=notes, words=words(log)) for log in logs]
+    return [_read_one(path, chosen)]
+
+
+def _read_one(path: Path, chosen: ModuleType) -> RawLog:
     if chosen is parquet:
-        return _from_table(parquet.decode(path), path, chosen.NAME, None)
+        return _from_table(chosen.decode(path), path, chosen.NAME, None)
     if chosen not in (csv, imu_tk):
         raise ValueError(f"{path.name}: {chosen.NAME} names its columns and units itself.")
     text = csv.text_of(path)

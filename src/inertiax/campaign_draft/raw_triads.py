@@ -11,7 +11,10 @@ from ..data.pairing import pair
 from ..data.recording import Recording
 from .clock import Clock, clock_of
 from .column_roles import Roles, roles_of
-from .raw_log import as_text, RawLog, read_log, unnamed
+from .raw_log import as_text, RawLog, read_log, read_logs, unnamed
+
+
+_LISTED = 4  # lengths in an error
 
 
 # Of the stamps: a clock that stands still more often is coarse, and rows that are equal may be samples (convention).
@@ -60,13 +63,40 @@ class RawTriads(NamedTuple):
 
 def read_triads(path: Path, gyro_path: Path | None) -> RawTriads:
     """Both triads. Raises `ValueError` where a file holds none, or triads were not logged at the same time."""
-    log = read_log(path)
+    log = _with_a_triad(path)
     if gyro_path is None:
         try:
             return _read(path, log, gyros_beside(path, log))
         except ValueError:  # what lies beside it is no part of this log
             return _read(path, log, None)
     return _read(path, log, gyro_path)
+
+
+def _with_a_triad(path: Path) -> RawLog:
+    """The columns of a file; of several lengths, as of a body sensor's heart beats and accelerations, the first that
+    has a triad among them.
+
+    Raises `ValueError` where several lengths have none.
+    """
+    first, *others = read_logs(path)
+    if not others:
+        return first
+    refused = None
+    for log in (first, *others):
+        try:
+            roles_of(log)
+        except ValueError as error:
+            refused = refused or error
+        else:
+            return log
+    shown = "; ".join(f"{_rows(x)} rows: {', '.join(x.names[:3])}" for x in others[:_LISTED])
+    raise ValueError(
+        f"{str(refused).removesuffix('.')}. Columns of other lengths are no triads either ({shown})."
+    )
+
+
+def _rows(log: RawLog) -> int:
+    return len(next(iter(log.numbers.values())))
 
 
 def _read(path: Path, log: RawLog, gyro_path: Path | None) -> RawTriads:

@@ -33,15 +33,17 @@ def to_table(arrays: dict[str, np.ndarray], columns: ColumnMap, where: str) -> p
     return pl.DataFrame(kept)
 
 
-def longest_columns(arrays: dict[str, np.ndarray], where: str) -> pl.DataFrame:
-    """All columns of the length that most rows have: what a file holds whose names nobody has told yet.
+def columns_by_length(arrays: dict[str, np.ndarray], where: str) -> list[pl.DataFrame]:
+    """All columns of each length, those of the length that most values have first: what a file holds whose names
+    nobody has told yet.
 
     Raises `ValueError` where there is none.
     """
     found, lying = _all_columns(arrays, where)
     sizes = [len(v) for v in found.values()]
-    rows = max(sorted(set(sizes), reverse=True), key=lambda n: n * sizes.count(n))
-    return pl.DataFrame({k: v for k, v in (found | lying).items() if len(v) == rows})
+    lengths = sorted(set(sizes), key=lambda n: (n * sizes.count(n), n), reverse=True)
+    every = (found | lying).items()
+    return [pl.DataFrame({k: v for k, v in every if len(v) == rows}) for rows in lengths]
 
 
 def _all_columns(

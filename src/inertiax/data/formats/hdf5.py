@@ -13,7 +13,7 @@ import polars as pl
 
 from ..recording import Recording
 from .array_notes import array_notes, ArrayNotes
-from .arrays import choose_group, longest_columns, to_table
+from .arrays import choose_group, columns_by_length, to_table
 from .columns import AS_FOUND, ColumnMap, Layout
 from .expansion import require_plausible
 from .optional import load
@@ -33,17 +33,20 @@ def read(path: Path, columns: ColumnMap, layout: Layout = AS_FOUND) -> tuple[Rec
 
 
 def decode(path: Path) -> pl.DataFrame:
-    """The columns of an HDF5 file under their own names. Raises `ValueError` naming the file."""
-    return described(path)[0]
+    """The columns of an HDF5 file under their own names, of the length that most have.
+
+    Raises `ValueError` naming the file.
+    """
+    return described(path)[0][0]
 
 
-def described(path: Path) -> tuple[pl.DataFrame, ArrayNotes]:
-    """The columns under their own names, and a rate that the file states in a dataset of one number.
+def described(path: Path) -> tuple[list[pl.DataFrame], ArrayNotes]:
+    """The columns of each length, and a rate that the file states in a dataset of one number.
 
     Raises `ValueError` naming the file.
     """
     arrays = read_arrays(path)
-    return longest_columns(arrays, path.name), array_notes(arrays, {})
+    return columns_by_length(arrays, path.name), array_notes(arrays, {})
 
 
 def read_arrays(

@@ -12,7 +12,7 @@ import polars as pl
 
 from ..recording import Recording
 from .array_notes import array_notes, ArrayNotes
-from .arrays import choose_group, longest_columns, to_table
+from .arrays import choose_group, columns_by_length, to_table
 from .columns import AS_FOUND, ColumnMap, Layout
 from .hdf5 import MAGIC, read_arrays
 from .matlab5 import Content, objects, parse
@@ -31,17 +31,20 @@ def read(path: Path, columns: ColumnMap, layout: Layout = AS_FOUND) -> tuple[Rec
 
 
 def decode(path: Path) -> pl.DataFrame:
-    """The columns of a MATLAB file under their own names. Raises `ValueError` naming the file."""
-    return described(path)[0]
+    """The columns of a MATLAB file under their own names, of the length that most have.
+
+    Raises `ValueError` naming the file.
+    """
+    return described(path)[0][0]
 
 
-def described(path: Path) -> tuple[pl.DataFrame, ArrayNotes]:
-    """The columns under their own names, and what the file says of them; texts of v5 to v7 alone.
+def described(path: Path) -> tuple[list[pl.DataFrame], ArrayNotes]:
+    """The columns of each length, and what the file says of them; texts of v5 to v7 alone.
 
     Raises `ValueError` naming the file.
     """
     arrays, texts = _arrays(path, None)
-    return longest_columns(arrays, path.name), array_notes(arrays, texts)
+    return columns_by_length(arrays, path.name), array_notes(arrays, texts)
 
 
 def _arrays(path: Path, group: str | None) -> tuple[dict[str, np.ndarray], dict[str, str]]:
