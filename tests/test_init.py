@@ -424,7 +424,7 @@ def test_a_serial_port_s_text_is_refused_with_a_cure_that_works(tmp_path, capfd,
     (tmp_path / "a.log").write_text("\n".join(rows) + "\n")
     status, said = run(["init", tmp_path / "a.log"], capfd)
     assert status == 1 and reason in said.err
-    cure = re.search(r"(?:sed|awk) .* > (\S+)", said.err)
+    cure = re.search(r"(?:\(echo|sed|awk) .* > (\S+)", said.err)
     subprocess.run(cure[0], shell=True, cwd=tmp_path, check=True)
     assert run(["init", tmp_path / cure[1]], capfd)[0] == 0
     (recording,) = load_campaign(tmp_path).recordings

@@ -1,7 +1,6 @@
 """A log as it lies in its file: named columns of numbers, in units that nobody has told yet."""
 
 import re
-import shlex
 from pathlib import Path
 from types import ModuleType
 from typing import NamedTuple
@@ -14,7 +13,7 @@ from ..data.formats import array_notes, csv, hdf5, imu_tk, matlab, parquet
 from ..data.formats.detect import detect
 from ..data.formats.text_layout import find_layout, is_value, TextLayout
 from ..data.formats.time_stamps import seconds_of
-from ..storage.harmless_text import short
+from .labelled_numbers import by_sed, refuse_labels
 
 
 _NUMERIC = 0.99  # of a column's rows hold numbers; the rest are dropouts for `calibrate` to refuse
@@ -25,8 +24,6 @@ _RATE = re.compile(
     r"(?:rate|\bfs\b|\bodr\b|freq\w*|hz)[^0-9a-z]{0,6}([0-9]+(?:\.[0-9]+)?)|([0-9]+(?:\.[0-9]+)?)\s*hz",
     re.IGNORECASE,
 )
-# Before a number that was printed for people or for a plotter, such as "GYRO: X=" and "ax:".
-_LABELS = ("[A-Za-z][^,;=]*= *", "[A-Za-z][A-Za-z0-9_]*: *")
 _RATES = (1.0, 20000.0)  # Hz: what an IMU may be read at
 _FILTER = re.compile(r"lpf|low.?pass|filter|band.?width|cut.?off|corner|notch", re.IGNORECASE)
 _RANGE = re.compile(r"([0-9]{3,4}) ?(?:dps|deg/s|°/s)", re.IGNORECASE)
@@ -124,7 +121,7 @@ def _read_one(path: Path, chosen: ModuleType) -> RawLog:
     if _MONITOR.match(text[:40].decode("utf-8", "replace")):
         raise ValueError(
             f"{path.name}: a serial monitor's stamps ('{text[:16].decode()}') begin the lines; make them a column: "
-            + _by_sed("s/ -> /,/", path)
+            + by_sed("s/ -> /,/", path)
         )
     layout = find_layout(text, path.name)
     names = layout.names or unnamed(layout.width)
@@ -166,21 +163,11 @@ def _from_table(
             elif column.null_count() < len(column):
                 words_of = column.head(_FIRST_ROWS).drop_nulls().unique().head(_MOST_WORDS)
                 texts[column.name] = tuple(sorted(words_of.str.strip_chars()))
-    for label in _LABELS:
-        pattern = re.compile(rf"{label}[-+]?\.?\d")
-        labelled = [w for w in texts.values() if all(pattern.match(word) for word in w)]
-        if len(numbers) < len("xyz") <= len(labelled):
-            raise ValueError(
-                f"{path.name}: numbers stand behind labels ('{short(labelled[0][0])}'); take those out: "
-                + _by_sed(f"s/{label}//g", path)
-            )
+    if len(numbers) < len("xyz") and layout is not None:
+        refuse_labels(texts, body.columns, layout, path)
     if not numbers:
         raise ValueError(f"{path.name}: no column of numbers in it; a log of an IMU is needed.")
     return RawLog(path, format_name, layout, numbers, stamps, words, unit_rows, texts)
-
-
-def _by_sed(script: str, path: Path) -> str:
-    return f"sed -E '{script}' {shlex.quote(path.name)} > {shlex.quote(f'numbers_{path.stem}.csv')}"
 
 
 def _numbers(column: pl.Series) -> Float[np.ndarray, " rows"] | None:

@@ -1,0 +1,67 @@
+"""Rows that were printed for people or for a plotter, such as `ax: 0.1, ay: 0.2`: refused, with the command that makes
+columns of them under the names that the labels say."""
+
+import re
+import shlex
+from pathlib import Path
+
+from ..data.formats.text_layout import TextLayout
+from ..storage.harmless_text import short
+
+
+_LABELS = ("[A-Za-z][^,;=]*= *", "[A-Za-z][A-Za-z0-9_]*: *")  # before a number
+_NUMBER = "[-+]?[0-9.]+(?:[eE][-+]?[0-9]+)?"
+_ROW = "^[-+0-9.eE,;:/_TZ[:space:]]+$"  # of numbers and stamps alone
+_IN_A_COMMAND = re.compile(r"[\w .:/()\[\]^-]+")  # what a name may hold that a user is asked to run
+_AXIS = re.compile(r"(.*[^A-Za-z])?([xyz])", re.IGNORECASE)
+
+
+def refuse_labels(
+    texts: dict[str, tuple[str, ...]], columns: list[str], layout: TextLayout, path: Path
+) -> None:
+    """Raise `ValueError` where numbers stand behind labels in three columns or more.
+
+    **Arguments:** `texts` are first words of those of the `columns` that are text.
+    """
+    for label in _LABELS:
+        begins = re.compile(rf"{label}[-+]?\.?\d")
+        labelled = [w for w in texts.values() if sum(map(bool, map(begins.match, w))) == len(w)]
+        if len(labelled) < len("xyz"):
+            continue
+        whole = re.compile(rf"({label}){_NUMBER}")
+        told = [whole.fullmatch(w) for words in labelled for w in words]
+        script, names = f"s/{label}//g", ""
+        if None not in told:
+            names = _names(texts, columns, whole, layout.delimiter)
+            if names or layout.names is None:  # a status between the rows goes, too
+                script += f"; /{_ROW}/!d"
+        raise ValueError(
+            f"{path.name}: numbers stand behind labels ('{short(labelled[0][0])}'); take those out: "
+            + by_sed(script, path, names)
+        )
+
+
+def by_sed(script: str, path: Path, names: str = "") -> str:
+    """The command that writes a file without what the script takes out, under a line of names."""
+    command = f"sed -E '{script}' {shlex.quote(path.name)}"
+    if names:
+        command = f"(echo {shlex.quote(names)}; {command})"
+    return f"{command} > {shlex.quote(f'numbers_{path.stem}.csv')}"
+
+
+def _names(
+    texts: dict[str, tuple[str, ...]], columns: list[str], whole: re.Pattern[str], delimiter: str
+) -> str:
+    """The line of names that the labels say, of `Gyro X = 1, Y = 2` with the words before X; empty where columns have
+    several labels, or none but blanks are between them."""
+    found, group = [], ""
+    for column in columns:
+        labels = {m[1].rstrip(" =:") for m in map(whole.fullmatch, texts.get(column, ())) if m}
+        if len(labels) > 1:
+            return ""
+        name = labels.pop() if labels else column
+        axis = _AXIS.fullmatch(name)
+        group = "" if axis is None else axis[1] or group
+        found.append(name if axis is None else f"{group}{axis[2]}")
+    plain = all(_IN_A_COMMAND.fullmatch(name) for name in found)
+    return delimiter.join(found) if plain and delimiter != " " else ""

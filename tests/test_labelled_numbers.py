@@ -1,0 +1,54 @@
+"""Rows printed for people or a plotter: refused, with a command that is run here."""
+
+import shutil
+import subprocess
+
+import numpy as np
+import pytest
+
+from hand_log_data import draft, hand_log
+from inertiax.data.campaign import load_campaign
+
+
+TIME, ACCEL, GYRO = hand_log()
+STATUS = "Calibration status: sys 3, gyro 3, accel 0, mag 3\n"
+FORMS = {
+    "a status between the rows": (
+        STATUS
+        + "Accel X = {1:.5f}, Y = {2:.5f}, Z = {3:.5f}, gx = {4:.6f}, gy = {5:.6f}, gz = {6:.6f}\n",
+        ["Accel X", "Accel Y", "Accel Z"],
+    ),
+    "a clock without a label": (
+        "{0:.2f},ACC: X={1:.5f},Y={2:.5f},Z={3:.5f},GYRO: X={4:.6f},Y={5:.6f},Z={6:.6f}\n",
+        ["ACC: X", "ACC: Y", "ACC: Z"],
+    ),
+    "a plotter": (
+        "t:{0:.2f}\tax:{1:.5f}\tay:{2:.5f}\taz:{3:.5f}\tgx:{4:.6f}\tgy:{5:.6f}\tgz:{6:.6f}\n",
+        ["ax", "ay", "az"],
+    ),
+}
+
+
+@pytest.mark.skipif(shutil.which("sed") is None, reason="no sed")
+@pytest.mark.parametrize(("form", "names"), FORMS.values(), ids=FORMS)
+def test_the_command_makes_columns_under_the_labels_names(tmp_path, form, names):
+    """Of a public log of a BNO055 the command left the lines of its status, at which `init` failed again."""
+    path = tmp_path / "log.txt"
+    rows = [form.format(t, *a, *w) for t, a, w in zip(TIME, ACCEL, GYRO, strict=True)]
+    path.write_text("".join(rows) + "Shutting down...\n")
+    with pytest.raises(ValueError, match="numbers stand behind labels") as refused:
+        draft(path)
+    command = str(refused.value).split("take those out: ")[1]
+    subprocess.run(command, shell=True, check=True, cwd=tmp_path)
+    assert draft(tmp_path / "numbers_log.csv")["columns"]["accel"]["names"] == names
+    (recording,) = load_campaign(tmp_path).recordings
+    np.testing.assert_allclose(recording.accel, ACCEL, atol=1e-5)
+    np.testing.assert_allclose(recording.gyro, GYRO, atol=1e-6)
+
+
+def test_labels_that_change_name_no_columns(tmp_path):
+    path = tmp_path / "log.txt"
+    rows = [f"a{k % 2}: {a[0]},b: {a[1]},c: {a[2]}\n" for k, a in enumerate(ACCEL)]
+    path.write_text("".join(rows))
+    with pytest.raises(ValueError, match="take those out: sed -E"):
+        draft(path)
