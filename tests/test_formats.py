@@ -284,3 +284,17 @@ def test_formats_do_not_claim_the_same_suffix():
     # imu_tk's text and MATLAB's own files are both `.mat`; their first bytes tell them apart.
     suffixes = [s for m in FORMATS for s in m.SUFFIXES if m.NAME != "matlab"]
     assert len(suffixes) == len(set(suffixes))
+
+
+def test_a_row_of_infinities_is_left_out_and_counted(tmp_path):
+    """A public log of a filter that failed once has NaN and Infinity in one of 14 461 rows, which was refused."""
+    rows = [f"{0.01 * k:.2f},0.1,0.2,9.8,0.01,0.02,0.03" for k in range(20)]
+    rows[7] = "0.07, NaN, NaN, NaN, Infinity, -Infinity, inf"
+    header = "time,accel_x,accel_y,accel_z,gyro_x,gyro_y,gyro_z"
+    path = tmp_path / "log.csv"
+    path.write_text("\n".join([header, *rows]) + "\n")
+    (found,) = read_recordings(path)
+    assert (found.num_samples, found.empty_rows) == (19, 1)
+    path.write_text(path.read_text().replace("0.07, NaN", "0.07, 0.1"))
+    with pytest.raises(ValueError, match="no finite number in 1 of 20 rows, first in row 7"):
+        read_recordings(path)

@@ -9,7 +9,8 @@ from jaxtyping import Bool
 from .columns import AXES, ColumnMap, Layout, TimeColumn
 
 
-_NO_VALUE = ["", "nan", "null", "none"]
+_INFINITE = [f"{sign}{word}" for sign in ("", "+", "-") for word in ("inf", "infinity")]
+_NO_VALUE = ["", "nan", "-nan", "null", "none", *_INFINITE]
 
 
 class KeptRows(NamedTuple):
@@ -38,10 +39,10 @@ _MASK = "\x00kept"  # no file's column is called so
 
 
 def kept_rows(table: pl.DataFrame, columns: ColumnMap, layout: Layout) -> KeptRows:
-    """The rows in which any channel of the triads has a value, without those that hold stamp, device and outputs of
-    the row before.
+    """The rows in which any channel of the triads has a finite number, without those that hold stamp, device and
+    outputs of the row before.
 
-    The others are another sensor's, or tell nothing that the row before them does not, beside a clock that stands
+    The others are another sensor's or a filter's that failed, or tell nothing that the row before them does not, beside a clock that stands
     still. Where rows are counted each one is a sample. Where no row has a value, all stay, to be refused.
     """
     outputs = _outputs(table, columns, layout)
@@ -81,7 +82,7 @@ def _outputs(table: pl.DataFrame, columns: ColumnMap, layout: Layout) -> list[st
 
 
 def _filled(table: pl.DataFrame, outputs: list[str]) -> Bool[np.ndarray, " rows"] | None:
-    """Rows with a value in any of the columns; `None` where all have one, or none has."""
+    """Rows with a finite number in any of the columns; `None` where all have one, or none has."""
     if not outputs:
         return None
     empty = np.ones(table.height, bool)
@@ -89,7 +90,7 @@ def _filled(table: pl.DataFrame, outputs: list[str]) -> Bool[np.ndarray, " rows"
         values = table.get_column(name)
         none = values.is_null()
         if values.dtype.is_float():
-            none |= values.is_nan().fill_null(value=True)
+            none |= ~values.is_finite().fill_null(value=False)
         elif values.dtype == pl.String:
             none |= (
                 values.str.strip_chars().str.to_lowercase().is_in(_NO_VALUE).fill_null(value=True)
