@@ -550,3 +550,20 @@ def test_one_rest_of_a_device_that_moves_is_not_all_its_poses(tmp_path):
     accel = G * up + shaken * rng.standard_normal(up.shape)
     path = written(tmp_path / "log.csv", (time, accel), "time,ax,ay,az")
     assert "model" not in draft(path)
+
+
+def test_one_motion_tells_no_unit_in_which_the_zero_is_no_gyro_s(tmp_path):
+    """Of a public log of a rocket one motion of 5 deg was met by outputs as rad/s, whose zero was 2.5: 143 deg/s."""
+    time = np.arange(3000) / 100.0
+    rate = np.where((time > 10.0) & (time < 12.0), 0.4, 0.0)
+    angle = np.cumsum(rate) / 100.0
+    rng = np.random.default_rng(3)
+    accel = np.column_stack([0.0 * angle, np.sin(angle), np.cos(angle)])
+    accel += 1e-3 * rng.normal(size=accel.shape)
+    gyro = np.column_stack([rate, 0.0 * rate, 0.0 * rate]) + 1e-3 * rng.normal(size=accel.shape)
+    for zero, told in ((0.05, True), (2.5, False)):
+        shifted = gyro + [0.1 * zero, -zero, 0.0]
+        path = written(tmp_path / "log.csv", (time, accel, shifted), f"t,{CANONICAL}")
+        unit = draft(path)["columns"]["gyro"]["unit"]
+        said = (tmp_path / "campaign.toml").read_text()
+        assert (unit, "CHECK gyro" in said) == (("rad/s", False) if told else ("deg/s", True))

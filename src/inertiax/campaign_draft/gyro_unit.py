@@ -97,6 +97,8 @@ def gyro_unit(
     if turns is not None:
         wide = counts and offset is None and float(np.abs(values).max()) > _SIXTEEN
         found = _by_turns(turns, counts, offset, stated, companion, wide=wide)
+        if found is not None and told is None and _by_chance(turns, found, values):
+            found = None
         by_name = stated_rate_scale(hint) if counts else None
         if found is not None and stated is not None and found.factor == stated.factor:
             return found
@@ -159,6 +161,13 @@ def _whole_numbers(
         )
         certain = False
     return TriadUnit(unit, None, None, None, _UNITS[unit], text, certain)
+
+
+def _by_chance(turns: GravityTurns, found: TriadUnit, values: Float[np.ndarray, "time 3"]) -> bool:
+    """Whether so few motions tell a unit in which the zero would be no gyro's."""
+    if turns.num_motions >= _MOTIONS_FOR_A_SCALE or found.unit == "count":
+        return False
+    return found.factor * float(np.abs(_noise(values)[2]).max()) > _BIAS_RAD
 
 
 def _by_motion(turns: GravityTurns, limit: float) -> TriadUnit | None:

@@ -42,8 +42,9 @@ def kept_rows(table: pl.DataFrame, columns: ColumnMap, layout: Layout) -> KeptRo
     """The rows in which any channel of the triads has a finite number, without those that hold stamp, device and
     outputs of the row before.
 
-    The others are another sensor's or a filter's that failed, or tell nothing that the row before them does not, beside a clock that stands
-    still. Where rows are counted each one is a sample. Where no row has a value, all stay, to be refused.
+    The others are another sensor's or a filter's that failed, or tell nothing that the row before them does not, beside
+    a clock that stands still. Where rows are counted each one is a sample. Where no row has a value, all stay, to be
+    refused.
     """
     outputs = _outputs(table, columns, layout)
     filled = _filled(table, outputs)
