@@ -1,6 +1,7 @@
 """`inertiax init` on triads without names: means of counts, and an acceleration with its parts."""
 
 import numpy as np
+import pytest
 
 from hand_log_data import ACCEL_BIAS, DEGREE, draft, G, hand_log, written
 from inertiax.data.campaign import load_campaign
@@ -23,6 +24,15 @@ def test_means_of_counts_near_a_data_sheet_are_accelerometers(tmp_path):
     assert (found["accel"]["unit"], found["accel"]["scale"]) == ("count", 16384.0)
     assert "mag" not in found
     assert "may be a magnetometer's as well" in (tmp_path / "campaign.toml").read_text()
+
+
+@pytest.mark.parametrize("per_g, unit", [(8192.0, "count"), (9806.65, "mm/s^2"), (1000.0, "mg")])
+def test_means_of_poses_have_the_nearest_of_units_and_counts(tmp_path, per_g, unit):
+    """8192 counts per g are 16 % off mm/s²: the nearer of the two is taken for means of many poses."""
+    columns = (means_of_poses(per_g),)
+    found = draft(written(tmp_path / "acc.csv", columns, "ax,ay,az"))["columns"]["accel"]
+    assert found["unit"] == unit
+    assert found.get("scale", per_g) == per_g
 
 
 def test_a_field_of_the_earth_near_a_data_sheet_stays_a_magnetometers(tmp_path):

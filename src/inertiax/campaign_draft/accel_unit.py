@@ -94,6 +94,9 @@ def accel_unit(values: Float[np.ndarray, "time 3"], rests: Resting, hint: str = 
     by_unit = nearest(radius, (1000.0, 1000.0 * G, PER_G_OF_HUNDREDTHS), 0.015)
     if not whole(values) or by_unit not in (None, PER_G_OF_HUNDREDTHS):
         unit = unit_of(radius)
+        # Means of poses tell 1 g to a few per cent, so that counts that are not whole are nearer to their data sheet.
+        if fitted and unit is not None and abs(radius / _UNITS[unit] - 1.0) > 2.0 * _SCALE:
+            unit = None if nearest(radius, ACCEL_SCALES, _SCALE) else unit
         if offset is None and unit is not None:
             return TriadUnit(unit, None, None, None, G / _UNITS[unit], what, True)
     scale = nearest(radius, ACCEL_SCALES, _NEAR) if offset is None else None
