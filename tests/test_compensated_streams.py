@@ -11,10 +11,11 @@ from polars.testing import assert_frame_equal
 from inertiax.calibration.calibration import Calibration, TriadCalibration
 from inertiax.calibration.fitted_effects import FittedEffect
 from inertiax.calibration.over_rows import compensated_rows
+from inertiax.data.campaign import load_campaign
 from inertiax.data.formats import parquet, text_batches
 from inertiax.exports.compensated_recording import compensate_file
 from inertiax.exports.compensated_stream import write_compensated
-from inertiax.exports.text_columns import KINDS, kinds_of, typed
+from inertiax.exports.text_columns import KINDS, kinds_of, TextKinds, typed
 from inertiax.physics.temperature import Constant, Curve, Polynomial
 
 
@@ -65,14 +66,16 @@ def test_pieces_give_the_whole_table(tmp_path, source, target, monkeypatch):
     write(log(), tmp_path / source)
     whole = compensate_file(calibration(), tmp_path / source)
     refuse = lambda *_, **__: pytest.fail("the whole table was read")
-    monkeypatch.setattr("inertiax.exports.compensated_stream.compensate_file", refuse)
-    done = write_compensated(
-        calibration(), tmp_path / source, tmp_path / target, rows=64, size=SIZE
-    )
+    with monkeypatch.context() as patched:
+        patched.setattr("inertiax.exports.compensated_stream.compensate_file", refuse)
+        done = write_compensated(
+            calibration(), tmp_path / source, tmp_path / target, rows=64, size=SIZE
+        )
     assert (done.rows, done.num_extrapolated) == (ROWS, whole.num_extrapolated)
     assert done.notes == whole.notes
     assert "at 15.00…35.00 °C are outside the calibrated 10.00…30.00 °C" in done.notes[0]
     if target.endswith("csv"):
+        whole = compensate_file(calibration(), tmp_path / source, as_text=True)
         whole.table.write_csv(tmp_path / "whole.csv")
         assert (tmp_path / target).read_bytes() == (tmp_path / "whole.csv").read_bytes()
     else:
@@ -261,6 +264,92 @@ def test_kinds_of_columns_widen_from_piece_to_piece():
     assert seen == [None, pl.Int64, pl.Int64, pl.Int64, pl.Float64, pl.String]
     whole = pl.DataFrame({"a": column[:4]})
     assert typed(whole, kinds_of(whole))["a"].to_list() == [1.0, None, 2.0, 2.5]
+
+
+def test_numbers_of_a_text_are_numbers_only_where_they_give_it_back():
+    """Whole numbers of one piece that floats of another cannot hold stay text, as in the whole table."""
+    columns = {
+        "whole": ["7", " 12", "-3"],
+        "mixed": ["7", "2.5", "1e-05"],
+        "gaps": ["nan", None, "1.25"],
+        "lot": ["0098", "0099", "0100"],
+        "version": ["1.9", "1.10", "1.11"],
+        "serial": ["1e5", "2e5", "3e5"],
+        "large": ["18446744073709551615", "1", "2"],
+        "late": ["9007199254740993", "1.5", "2.5"],
+        "time": ["0.10", "0.20", "0.30"],
+        "device": ["12", "12", "12"],
+    }
+    table = pl.DataFrame(columns, schema=dict.fromkeys(columns, pl.String))
+    for pieces in ([table], [table[:1], table[1:2], table[2:]]):
+        kinds = TextKinds("device", ["time"], as_text=False)
+        for piece in pieces:
+            kinds.see(piece)
+        kept = kinds.kept(table)
+        numbers = {n: kept[n].dtype for n in kept.columns if kept[n].dtype != pl.String}
+        assert numbers == {
+            "whole": pl.Int64, "mixed": pl.Float64, "gaps": pl.Float64, "time": pl.Float64
+        }  # fmt: skip
+        assert kinds.read(table)["lot"].to_list() == [98, 99, 100]
+        assert kinds.read(table)["device"].to_list() == ["12"] * 3
+
+
+@pytest.mark.parametrize("pieces", [False, True], ids=["whole", "in pieces"])
+def test_columns_of_a_text_are_kept_as_they_are(tmp_path, pieces):
+    kept = {
+        "lot": [f"{k:04d}" for k in range(ROWS)], "version": ["1.10"] * ROWS, "blanks": [" 5"] * ROWS,
+        "big": ["18446744073709551615"] * ROWS,
+    }  # fmt: skip
+    table = (
+        log()
+        .rename({"time": "t"})
+        .with_columns(pl.col("t").round(2), *(pl.Series(n, v) for n, v in kept.items()))
+    )
+    table.write_csv(tmp_path / "log.csv")
+    text = (tmp_path / "log.csv").read_text()
+    (tmp_path / "campaign.toml").write_text(
+        '[recordings]\nfiles = ["log.csv"]\n[columns]\ntime = "t"\n'
+    )
+    out = {s: tmp_path / f"out.{s}" for s in ("csv", "parquet")}
+    size = SIZE if pieces else len(text) + 1
+    for target in out.values():
+        write_compensated(calibration(), tmp_path / "log.csv", target, campaign=tmp_path, size=size)
+    raw, made = (pl.read_csv(p, infer_schema=False) for p in (tmp_path / "log.csv", out["csv"]))
+    names = [n for n in raw.columns if n[:5] not in ("accel", "gyro_")]
+    assert_frame_equal(made.select(names), raw.select(names))
+    typed_table = pl.read_parquet(out["parquet"])
+    assert {n: typed_table[n].to_list() for n in kept if n != "blanks"} == {
+        n: v for n, v in kept.items() if n != "blanks"
+    }
+    assert typed_table.schema["blanks"] == typed_table.schema["count"] == pl.Int64
+
+
+@pytest.mark.parametrize("target", ["out.csv", "out.parquet"])
+@pytest.mark.parametrize("pieces", [False, True], ids=["whole", "in pieces"])
+@pytest.mark.parametrize(
+    ("written", "serial"), [("0012", "0012"), (" 5581", "5581"), ("12 ", "12"), ("1e5", "1e5")]
+)
+def test_the_device_is_its_text_without_blanks(tmp_path, written, serial, pieces, target):
+    log().with_columns(sn=pl.lit(written)).write_csv(tmp_path / "log.csv")
+    (tmp_path / "campaign.toml").write_text(
+        '[site]\ngravity = 9.81\n[recordings]\nfiles = ["log.csv"]\n[columns]\ndevice = "sn"\n'
+    )
+    (read,) = load_campaign(tmp_path).recordings
+    assert read.device == serial
+    known = replace(calibration(), device=serial)
+    size = SIZE if pieces else 1 << 20
+    file = tmp_path / target
+    write_compensated(known, tmp_path / "log.csv", file, campaign=tmp_path, size=size)
+    other = replace(calibration(), device=f"{serial}1")
+    with pytest.raises(ValueError, match=f"recorded by device '{serial}'"):
+        write_compensated(other, tmp_path / "log.csv", file, campaign=tmp_path, size=size)
+
+
+def test_a_device_of_blanks_is_none(tmp_path):
+    sn = pl.when(pl.int_range(pl.len()) == 3).then(pl.lit("  ")).otherwise(pl.lit("A7"))
+    log().with_columns(device=sn).write_csv(tmp_path / "log.csv")
+    with pytest.raises(ValueError, match="column 'device' is empty in row 3"):
+        compensate_file(calibration(), tmp_path / "log.csv")
 
 
 def test_rows_by_numpy_are_what_the_calibration_makes_of_each_sample():

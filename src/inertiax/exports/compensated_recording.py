@@ -1,5 +1,6 @@
 """A calibration applied to a recording file: the same table with compensated columns."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from types import ModuleType
 from typing import NamedTuple
@@ -13,7 +14,7 @@ from ..calibration.calibration import Calibration
 from ..calibration.device_place import about_device, arms_not_shown, place_on_table
 from ..calibration.over_rows import compensated_rows
 from ..data.compensated import COLUMN
-from ..data.formats import csv, detect, Layout, parquet, table as tables
+from ..data.formats import ColumnMap, csv, detect, Layout, parquet, table as tables
 from ..data.formats.columns import AXES, TimeColumn
 from ..data.formats.kept_rows import kept_rows, notes_on_rows
 from ..data.formats.temperature_at_stamps import with_temperatures
@@ -23,10 +24,10 @@ from ..data.recording import Recording
 from .better_at_rest import AtRest, Tally
 from .compensated_field import feels_current, further_columns
 from .extrapolation import extrapolated, margin
-from .recording_source import in_service, source_of
+from .recording_source import channels_of, in_service, source_of
 from .replaced_columns import replaced_columns
 from .required_columns import require_fit
-from .text_columns import kinds_of, typed
+from .text_columns import TextKinds
 
 
 _CHUNK = 65536  # samples compensated at a time: little memory
@@ -73,6 +74,7 @@ def compensate_file(
     campaign: Path | None = None,
     any_device: bool = False,
     at_table: bool = False,
+    as_text: bool = False,
 ) -> Compensated:
     """The table of a recording with its outputs compensated, equation (3), named effects included.
 
@@ -84,6 +86,8 @@ def compensate_file(
     of the calibration's. `gyro_file` holds the gyros
     where triads are logged apart; `campaign` is a `campaign.toml` (or its folder) that says names, units and layout.
     The force is that at the device's own place (`calibration.device_place`), with `at_table` that at the table's axes.
+    Columns that are kept of a text are numbers where their numbers give the same text back, with `as_text` the text
+    they are (`text_columns.TextKinds`).
 
     Raises `ValueError` where a column that the calibration needs is missing, or where the recording
     says that it is of another device or was compensated before.
@@ -91,16 +95,19 @@ def compensate_file(
     calibration, place = at_place(calibration, path.name, at_table=at_table)
     columns, layout, chosen = source_of(path, gyro_file, campaign)
     if chosen in (csv, parquet) and gyro_file is None:
-        table = _read(path, chosen, layout)
+        table, shown = _read(path, chosen, columns, layout, as_text=as_text)
         columns = in_service(columns, table.columns).of_files(layout)
         found = tables.to_recordings(table, columns, layout, name=path.name)
         (recording,) = _of_device(found, path.name)
         recording = with_temperatures(recording, layout.temperature_log)
-        whole = table.slice(layout.start_row)
-        kept = kept_rows(whole, columns, layout)
-        made = _compensated_table(calibration, recording, kept.table, path.name, any_device)
+        table, shown = table.slice(layout.start_row), shown.slice(layout.start_row)
+        kept = kept_rows(table, columns, layout)
+        own = kept.of(shown)
+        made = _compensated_table(
+            calibration, recording, kept.table, path.name, any_device, own.table
+        )
         return made._replace(
-            table=kept.among(whole, made.table),
+            table=own.among(shown, made.table),
             notes=(*made.notes, *place, *notes_on_rows(path.name, kept.empty, kept.repeated)),
         )
     read = lambda file, how: detect.read_recordings(file, columns, how, name=chosen.NAME)
@@ -154,9 +161,14 @@ def at_place(
 
 
 def _compensated_table(
-    calibration: Calibration, recording: Recording, table: pl.DataFrame, name: str, any_device: bool
+    calibration: Calibration,
+    recording: Recording,
+    table: pl.DataFrame,
+    name: str,
+    any_device: bool,
+    shown: pl.DataFrame | None = None,
 ) -> Compensated:
-    """A recording's table with the columns that compensation makes."""
+    """A recording's table, or the same as it is `shown`, with the columns that compensation makes."""
     require_fit(calibration, recording, name, any_device=any_device)
     force, rate, outside, left_out = _compensate(calibration, recording)
     further = further_columns(calibration, recording)
@@ -164,7 +176,8 @@ def _compensated_table(
     notes += tuple(f"{name}: {line}" for line in left_out)
     units = units_of(calibration, recording)
     notes += replaced_columns(table, recording, units, name)
-    made = with_outputs(table, recording, force, rate, further, outside)
+    shown = table if shown is None else shown
+    made = with_outputs(table, shown, recording, force, rate, further, outside)
     tally = Tally(float(calibration.gravity))
     tally.add(recording, force, rate)
     return Compensated(made, int(outside.sum()), notes, units, tally.result())
@@ -182,14 +195,16 @@ def units_of(calibration: Calibration, recording: Recording) -> dict[str, str]:
 
 def with_outputs(
     table: pl.DataFrame,
+    shown: pl.DataFrame,
     recording: Recording,
     force: Float[np.ndarray, "time 3"] | None,
     rate: Float[np.ndarray, "time 3"] | None,
     further: dict[str, np.ndarray],
     outside: Bool[np.ndarray, " time"],
 ) -> pl.DataFrame:
-    """The table with what compensation gave: m/s², rad/s, further columns, and where the temperature is outside; with
-    the time (s) and temperature (°C) that were read, where it has none of these names or has them in other units."""
+    """The table, as it is `shown`, with what compensation gave: m/s², rad/s, further columns, and where the temperature
+    is outside; with the time (s) and temperature (°C) that were read, where it has none of these names or has them in
+    other units."""
     new = {COLUMN: outside, **further}
     read = {"time": recording.time}
     if recording.temperature is not None:
@@ -204,7 +219,7 @@ def with_outputs(
     for triad, values in (("accel", force), ("gyro", rate)):
         if values is not None:
             new |= {f"{triad}_{axis}": values[:, k] for k, axis in enumerate(AXES)}
-    return table.with_columns(**new)
+    return shown.with_columns(**new)
 
 
 def _table_of(recording: Recording) -> pl.DataFrame:
@@ -281,11 +296,23 @@ def by_parameters(
     )
 
 
-def _read(path: Path, chosen: ModuleType, layout: Layout) -> pl.DataFrame:
+def _read(
+    path: Path, chosen: ModuleType, columns: ColumnMap, layout: Layout, *, as_text: bool
+) -> tuple[pl.DataFrame, pl.DataFrame]:
+    """A file's table as it is read, and as it is kept."""
     if chosen is csv:
         text = csv.read_table(path, layout.names, header_line=layout.header_line)
-        return typed(text, kinds_of(text))
-    return parquet.decode(path)
+        kinds = text_kinds(columns, text.columns, as_text=as_text)
+        kinds.see(text)
+        return kinds.read(text), kinds.kept(text)
+    table = parquet.decode(path)
+    return table, table
+
+
+def text_kinds(columns: ColumnMap, there: Sequence[str], *, as_text: bool) -> TextKinds:
+    """How the columns of a text that are `there` are read and kept."""
+    device = columns.label("device") or "device"
+    return TextKinds(device, channels_of(columns, there), as_text=as_text)
 
 
 def _of_device(

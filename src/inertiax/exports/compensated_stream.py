@@ -30,6 +30,7 @@ from .compensated_recording import (
     compensate_file,
     Extent,
     notes_on,
+    text_kinds,
     units_of,
     with_outputs,
 )
@@ -37,10 +38,10 @@ from .recording_source import in_service, source_of
 from .replaced_columns import replaced_columns
 from .required_columns import require_fit
 from .table_writer import full_disk_told, TableWriter
-from .text_columns import kinds_of, typed
 
 
-Tables = Callable[[], Iterator[pl.DataFrame]]  # each time from the first piece on
+# A piece as it is read, and as it is kept.
+Pairs = Iterator[tuple[pl.DataFrame, pl.DataFrame]]
 
 
 class Written(NamedTuple):
@@ -72,12 +73,13 @@ def write_compensated(
     Raises `ValueError` as `compensate_file` does, and where the result cannot be written.
     """
     columns, layout, chosen = source_of(path, gyro_file, campaign)
+    as_text = output.suffix.lower() == ".csv"
     with full_disk_told(output), written_beside(output) as beside:
         known, place = at_place(calibration, path.name, at_table=at_table)
         whole = gyro_file is not None or known.effects or layout.temperature_log is not None
         if can_be_cut(chosen) and not whole:
-            read: Tables = lambda: pieces(path, chosen, layout, rows=rows, size=size)
-            tables = _as_numbers(read) if chosen is csv else read
+            read = lambda: pieces(path, chosen, layout, rows=rows, size=size)
+            tables = _typed(read, columns, as_text) if chosen is csv else ((t, t) for t in read())
             write = lambda: TableWriter(beside, output.suffix)
             try:
                 made = _in_pieces(known, path.name, tables, columns, write, any_device)
@@ -86,7 +88,7 @@ def write_compensated(
                 pass  # what is wrong, if anything is, is said with its row where the whole table is read
         made = compensate_file(
             calibration, path, gyro_file=gyro_file, campaign=campaign, any_device=any_device,
-            at_table=at_table,
+            at_table=at_table, as_text=as_text,
         )  # fmt: skip
         with TableWriter(beside, output.suffix) as writer:
             writer.append(made.table)
@@ -96,7 +98,7 @@ def write_compensated(
 def _in_pieces(
     calibration: Calibration,
     name: str,
-    tables: Tables,
+    tables: Pairs,
     columns: ColumnMap,
     write: Callable[[], TableWriter],
     any_device: bool,
@@ -108,8 +110,9 @@ def _in_pieces(
     extent, last, replaced, empty, repeated = Extent(), None, (), 0, 0
     tally = Tally(float(calibration.gravity))
     with write() as writer:
-        for table in tables():
+        for table, shown in tables:
             kept = kept_rows(table, columns, Layout())
+            own = kept.of(shown)
             (recording,) = to_recordings(kept.table, columns, Layout(), name=name)
             if isinstance(columns.time, TimeColumn) and columns.time.rate is not None:
                 counted = (extent.rows + np.arange(recording.num_samples)) / columns.time.rate
@@ -126,8 +129,8 @@ def _in_pieces(
                 replaced = replaced_columns(kept.table, recording, units, name)
             extent |= Extent.of(recording, outside)
             empty, repeated = empty + kept.empty, repeated + kept.repeated
-            made = with_outputs(kept.table, recording, force, rate, further, outside)
-            writer.append(kept.among(table, made))
+            made = with_outputs(kept.table, own.table, recording, force, rate, further, outside)
+            writer.append(own.among(shown, made))
             last = recording[-1:]
     if last is None:
         raise ValueError(f"{name}: no rows.")
@@ -154,14 +157,14 @@ def _columns(recording: Recording) -> list[str]:
     return [k for k in ("accel", "gyro", "mag", "temperature") if getattr(recording, k) is not None]
 
 
-def _as_numbers(tables: Tables) -> Tables:
+def _typed(
+    tables: Callable[[], Iterator[pl.DataFrame]], columns: ColumnMap, as_text: bool
+) -> Pairs:
     """Pieces of text with columns as numbers where all pieces hold numbers: told in a pass of its own."""
-
-    def made() -> Iterator[pl.DataFrame]:
-        kinds = None
+    kinds = None
+    for table in tables():
+        kinds = kinds or text_kinds(columns, table.columns, as_text=as_text)
+        kinds.see(table)
+    if kinds is not None:
         for table in tables():
-            kinds = kinds_of(table, kinds)
-        if kinds is not None:
-            yield from (typed(table, kinds) for table in tables())
-
-    return made
+            yield kinds.read(table), kinds.kept(table)

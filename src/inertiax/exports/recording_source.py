@@ -12,12 +12,17 @@ from ..data.compensated import COLUMN, is_compensated
 from ..data.formats import ColumnMap, detect, Layout
 from ..data.formats.columns import AXES, TriadColumns
 from ..data.formats.temperature_at_stamps import TemperatureLog
+from ..data.frames import TRIADS
+from ..data.recording import COLUMNS
 from ..data.settings import read_table, read_toml
 
 
 _OF_A_STATION = (
     "reference_accel", "reference_gyro", "table_angles", "table_rates", "position", "experiment",
 )  # fmt: skip
+_NUMBERS = [
+    k for k in ColumnMap.__struct_fields__ if k not in ("device", "table_time", "temperature_time")
+]
 _FILES = ("files", "gyro_files", "table_files", "temperature_files", "temperature_delay")
 
 
@@ -76,6 +81,14 @@ def in_service(columns: ColumnMap, there: Sequence[str] = ()) -> ColumnMap:
     """`[columns]` of a log from outside the station: names that only a station writes and that are not `there` go."""
     absent = {key: None for key in _OF_A_STATION if not _named(columns, key) <= set(there)}
     return msgspec.structs.replace(columns, **absent)
+
+
+def channels_of(columns: ColumnMap, there: Sequence[str]) -> tuple[str, ...]:
+    """Those of the columns `there` that are read as numbers: of `[columns]`, or of canonical names."""
+    named = set().union(*(_named(columns, key) for key in _NUMBERS))
+    canonical = {*COLUMNS, *(f"{triad}_{axis}" for triad in TRIADS for axis in AXES)}
+    probes = [n for n in there if n.startswith("temperature_")]
+    return tuple(n for n in there if n in named or n in canonical or n in probes)
 
 
 def _named(columns: ColumnMap, key: str) -> set[str]:

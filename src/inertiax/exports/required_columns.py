@@ -16,7 +16,7 @@ def require_fit(
 def _check_device(
     calibration: Calibration, recording: Recording, name: str, any_device: bool
 ) -> None:
-    ours, theirs = calibration.device, recording.device
+    ours, theirs = calibration.device.strip(), recording.device
     if ours and theirs and ours != theirs and not any_device:
         raise ValueError(
             f"{name}: recorded by device '{theirs}', but the calibration is of '{ours}'; give the "

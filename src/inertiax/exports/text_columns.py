@@ -1,6 +1,6 @@
-"""What kind of values a text's columns hold: whole numbers, numbers or text, told for all rows or piece by piece."""
+"""What a text's columns hold: whole numbers, numbers or text, told for all rows or piece by piece."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 
 import polars as pl
 
@@ -8,23 +8,83 @@ import polars as pl
 # From narrow to wide: what holds the values of two pieces is the wider kind. Nothing was seen yet in the first.
 KINDS = (None, pl.Int64, pl.Float64, pl.String)
 
+_EXACT = 2**53  # up to which all whole numbers are floats
+
 Kinds = Mapping[str, int]  # index into `KINDS` of each column
 
 
-def kinds_of(table: pl.DataFrame, known: Kinds | None = None) -> Kinds:
-    """The narrowest kinds that hold every field of a table of text, and of pieces that gave those `known`."""
+class TextKinds:
+    """What columns of a text are read as, and what they are kept as beside the compensated ones.
+
+    All that hold numbers are read as numbers but the device's. As CSV each is kept as the text it is. As Parquet
+    `channels` are numbers, and of the others those whose numbers give the same text back: a serial number 0012 and a
+    version 1.10 do not.
+    """
+
+    def __init__(self, device: str, channels: Collection[str], *, as_text: bool):
+        self._device, self._channels, self._as_text = device, channels, as_text
+        self._read: Kinds = {}
+        self._kept: Kinds = {}
+        self._large: set[str] = (
+            set()
+        )  # columns of which a piece held whole numbers that no float gives back
+
+    def see(self, table: pl.DataFrame) -> None:
+        """Look at a table of text, or at one more piece of it."""
+        self._read = {**kinds_of(table, self._read or None), self._device: len(KINDS) - 1}
+        if not self._as_text:
+            others = table.drop(self._device, *self._channels, strict=False)
+            found = dict(kinds_of(others, self._kept or None, exactly=True))
+            for name, kind in found.items():
+                if KINDS[kind] is pl.Int64 and _exceeds_floats(table[name]):
+                    self._large.add(name)
+                elif KINDS[kind] is pl.Float64 and name in self._large:
+                    found[name] = len(KINDS) - 1
+            self._kept = {**self._read, **found}
+
+    def read(self, table: pl.DataFrame) -> pl.DataFrame:
+        """The table as its columns are read."""
+        return typed(table, self._read)
+
+    def kept(self, table: pl.DataFrame) -> pl.DataFrame:
+        """The table as its columns are kept."""
+        return table if self._as_text else typed(table, self._kept)
+
+
+def kinds_of(table: pl.DataFrame, known: Kinds | None = None, *, exactly: bool = False) -> Kinds:
+    """The narrowest kinds that hold every field of a table of text, and of pieces that gave those `known`.
+
+    With `exactly` numbers are only what gives its text back.
+    """
     found = {}
     for column in table.get_columns():
         least = 0 if known is None else known[column.name]
-        found[column.name] = least if column.is_null().all() else _kind(column, max(least, 1))
+        empty = column.is_null().all()
+        found[column.name] = least if empty else _kind(column, max(least, 1), exactly=exactly)
     return found
 
 
-def _kind(column: pl.Series, least: int) -> int:
+def _kind(column: pl.Series, least: int, *, exactly: bool) -> int:
     for kind in range(least, len(KINDS) - 1):
-        if _cast(column, kind).null_count() == column.null_count():
-            return kind
+        numbers = _cast(column, kind)
+        if numbers.null_count() == column.null_count():
+            if not exactly or _gives_back(numbers, column.str.strip_chars()):
+                return kind
     return len(KINDS) - 1
+
+
+def _gives_back(numbers: pl.Series, text: pl.Series) -> bool:
+    """Whether each text is the shortest one of its number, with or without `.0`, as Polars or Python writes it."""
+    text = text.str.to_lowercase()
+    told = numbers.cast(pl.String).str.to_lowercase()
+    other = ~((told == text) | (told == text + ".0")).fill_null(value=True)
+    pairs = zip(numbers.filter(other), text.filter(other), strict=True)
+    return all(repr(number) == written for number, written in pairs)
+
+
+def _exceeds_floats(column: pl.Series) -> bool:
+    whole = _cast(column, KINDS.index(pl.Int64))
+    return bool(((whole > _EXACT) | (whole < -_EXACT)).any())
 
 
 def typed(table: pl.DataFrame, kinds: Kinds) -> pl.DataFrame:

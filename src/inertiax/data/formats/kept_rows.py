@@ -21,6 +21,14 @@ class KeptRows(NamedTuple):
     empty: int  # rows of another sensor
     repeated: int  # rows that a logger wrote again
 
+    def of(self, other: pl.DataFrame) -> "KeptRows":
+        """The same rows of another table of as many."""
+        return (
+            self._replace(table=other)
+            if self.mask is None
+            else self._replace(table=other.filter(pl.Series(self.mask)))
+        )
+
     def among(self, whole: pl.DataFrame, made: pl.DataFrame) -> pl.DataFrame:
         """The `whole` table with the columns that were `made` of its kept rows; empty in the others."""
         if self.mask is None:

@@ -282,9 +282,10 @@ def _devices(
 ) -> list[tuple[str, slice | Int[np.ndarray, " chosen"]]]:
     if said is None and "device" not in table.columns:
         return [("", slice(None))]
-    serial = require(table, said or "device", where).cast(pl.String)
-    if serial.null_count():
-        row = int(serial.is_null().arg_true()[0])
+    serial = require(table, said or "device", where).cast(pl.String).str.strip_chars()
+    empty = serial.is_null() | (serial == "")
+    if empty.any():
+        row = int(empty.arg_true()[0])
         raise ValueError(
             f"{where}: column '{said or 'device'}' is empty in row {row}; every row needs the serial "
             "number of its device."

@@ -127,7 +127,8 @@ def _stretches(file: Path | str, columns: ColumnMap) -> Iterable[tuple[str, Stre
         yield device_of_folder(path) or path.stem, Stretch(str(file), 0, height)
         return
     for device, first, count in runs_of(str(file), column, height):
-        if device is None:
+        device = device and device.strip()
+        if not device:
             raise ValueError(
                 f"{file}: column '{column}' is empty in row {first}; every row needs the serial number "
                 "of its device."
