@@ -102,6 +102,15 @@ def test_a_live_stream_puts_rows_without_a_value_aside(tmp_path):
         assert len(chunk.lines) == len(chunk.time) == chunk.rows.num_samples
 
 
+def test_a_live_stream_may_begin_with_the_mark_of_utf_8(tmp_path):
+    lines = log(tmp_path / "b.csv", FEW).read_bytes().splitlines()
+    for first in (lines, [b"\xef\xbb\xbf" + lines[0], *lines[1:]]):
+        rows = TextRows(ColumnMap(), Layout(), "b.csv")
+        chunk = rows.read(first, last=True)
+        assert chunk is not None and rows.take_header() == lines[:1]
+        np.testing.assert_allclose(chunk.time, TIME[:FEW], atol=1e-9)
+
+
 def test_init_and_the_reader_agree_on_a_log_with_a_doubled_part(tmp_path):
     """900 rows written twice, and a pause: rows were counted at their mean rate, 24 % off."""
     doubled = tuple(range(200, 300))

@@ -14,7 +14,7 @@ from ..data.formats.columns import ColumnMap, Layout, TimeColumn
 from ..data.formats.csv import column_names, parse_rows
 from ..data.formats.kept_rows import kept_rows
 from ..data.formats.table import stamps_of, to_recordings
-from ..data.formats.text_layout import find_layout, TextLayout
+from ..data.formats.text_layout import find_layout, TextLayout, UTF8_MARK
 from ..data.recording import Recording
 
 
@@ -76,6 +76,7 @@ class TextRows:
         return self._rows(lines) if lines else None
 
     def _begin(self) -> list[bytes]:
+        self._waiting[:1] = [line.removeprefix(UTF8_MARK) for line in self._waiting[:1]]
         data = b"".join(line + b"\n" for line in self._waiting)
         if not data.strip():
             return []

@@ -20,7 +20,7 @@ from . import lvm, novatel
 from .columns import AS_FOUND, AXES, ColumnMap, Layout, numbered_name, shown
 from .nmea import refuse_satellites
 from .table import to_recordings
-from .text_layout import as_utf8, fields, find_layout, is_value, TextLayout
+from .text_layout import as_utf8, fields, find_layout, is_value, TextLayout, UTF8_MARK
 
 
 NAME = "csv"
@@ -74,7 +74,7 @@ def text_of(path: Path) -> bytes:
         raise ValueError(
             f"{path.name}: the content is binary, not delimited text: byte {before + zero} (line {line}) is zero."
         )
-    text = with_line_feeds(text.removeprefix(b"\xef\xbb\xbf"))
+    text = with_line_feeds(text.removeprefix(UTF8_MARK))
     refuse_satellites(text, path.name)
     if novatel.is_novatel(text):
         return novatel.as_rows(text)

@@ -12,11 +12,10 @@ from typing import BinaryIO
 import polars as pl
 
 from .csv import column_names, parse_rows, with_line_feeds
-from .text_layout import find_layout, FIRST_BYTES, FIRST_LINES
+from .text_layout import find_layout, FIRST_BYTES, FIRST_LINES, UTF8_MARK
 
 
 _HEAD = 2 * FIRST_BYTES  # bytes that tell the layout, more than are looked at
-_MARK = b"\xef\xbb\xbf"  # of UTF-8
 
 
 def batches(
@@ -28,7 +27,7 @@ def batches(
     """
     with path.open("rb") as file:
         head = _cut_at_line(file.read(_HEAD), whole=path.stat().st_size <= _HEAD)
-        text = with_line_feeds(_checked(head.removeprefix(_MARK)))
+        text = with_line_feeds(_checked(head.removeprefix(UTF8_MARK)))
         if header_line is not None and text.count(b"\n") < header_line + FIRST_LINES:
             raise ValueError(f"{path.name}: the header is too far down to read the text in pieces.")
         layout = find_layout(text, path.name, header_line)
@@ -49,10 +48,10 @@ def _blocks(file: BinaryIO, size: int) -> Iterator[bytes]:
         cut = _cut_at_line(data)
         block = left + cut
         left = data[len(cut) :]
-        yield with_line_feeds(_checked(block.removeprefix(_MARK) if first else block))
+        yield with_line_feeds(_checked(block.removeprefix(UTF8_MARK) if first else block))
         first = False
     if left:
-        yield with_line_feeds(_checked(left.removeprefix(_MARK) if first else left))
+        yield with_line_feeds(_checked(left.removeprefix(UTF8_MARK) if first else left))
 
 
 def _cut_at_line(data: bytes, *, whole: bool = False) -> bytes:

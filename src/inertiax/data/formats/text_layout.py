@@ -23,6 +23,7 @@ from .time_stamps import is_stamp
 COMMENTS = ("#", "%", "//")
 _DELIMITERS = ("\t", ";", ",", " ")
 FIRST_LINES = 300  # lines that are looked at: the longest preambles have some dozens
+UTF8_MARK = b"\xef\xbb\xbf"  # at the start of a text
 FIRST_BYTES = 1 << 20  # and no more bytes than this, once there are two lines
 _SEPARATOR = re.compile(r'"?sep=(.)"?', re.IGNORECASE)
 
