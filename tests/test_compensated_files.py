@@ -213,6 +213,35 @@ def test_the_log_that_was_calibrated_is_not_outside_of_itself(other_units):
 
 
 @pytest.mark.parametrize("pieces", [False, True])
+@pytest.mark.parametrize(
+    ("said", "lost"),
+    [
+        ("time = { rate = 100 }", ["time"]),
+        ('time = { name = "ticks", unit = "us" }', ["time"]),
+        ('time = { unit = "ms" }\ntemperature = { unit = "K" }', []),
+        ('temperature = "probe"', ["temperature"]),
+    ],
+)
+def test_a_time_or_temperature_that_gives_way_to_another_is_told(tmp_path, said, lost, pieces):
+    rng = np.random.default_rng(5)
+    columns = {"time": 7.0 + 0.01 * np.arange(300) + 1e-3 * rng.random(300)}
+    columns |= {f"accel_{a}": rng.standard_normal(300) for a in "xyz"}
+    columns |= {"ticks": 1000 * np.arange(300), "temperature": 290.0 + rng.random(300)}
+    columns |= {"probe": np.linspace(20.0, 21.0, 300)}
+    raw = tmp_path / "raw.csv"
+    pl.DataFrame(columns).write_csv(raw)
+    (tmp_path / "campaign.toml").write_text(
+        f'[recordings]\nfiles = ["raw.csv"]\n[columns]\n{said}\n'
+    )
+    size = 2000 if pieces else 1 << 20
+    done = write_compensated(
+        made_calibration(), raw, tmp_path / "done.csv", campaign=tmp_path, size=size
+    )
+    told = [n for n in done.notes if "its own column " in n]
+    assert [n.split("its own column ")[1].split()[0] for n in told] == lost
+
+
+@pytest.mark.parametrize("pieces", [False, True])
 def test_raw_columns_of_the_compensated_names_are_told_where_one_file_then_mixes(tmp_path, pieces):
     rng = np.random.default_rng(5)
     values = 0.01 * rng.standard_normal((300, 3)) + [0.0, 0.0, 9.81]
