@@ -345,6 +345,46 @@ def test_the_device_is_its_text_without_blanks(tmp_path, written, serial, pieces
         write_compensated(other, tmp_path / "log.csv", file, campaign=tmp_path, size=size)
 
 
+@pytest.mark.parametrize("source", ["a.csv", "a.parquet"])
+@pytest.mark.parametrize("start_row", [0, 30])
+@pytest.mark.parametrize("blocks", [True, False], ids=["blocks", "interleaved"])
+def test_of_several_devices_the_calibrations_own_rows_are_taken(
+    tmp_path, source, start_row, blocks
+):
+    both = [log().with_columns(device=pl.lit(d), count=pl.Series(k)) for d, k in (
+        ("A7", np.arange(ROWS)), ("B", np.arange(ROWS) + 1000),
+    )]  # fmt: skip
+    table = pl.concat(both)
+    if not blocks:
+        table = table.sort("time", maintain_order=True)
+    write = pl.DataFrame.write_csv if source.endswith("csv") else pl.DataFrame.write_parquet
+    write(table, tmp_path / source)
+    (tmp_path / "campaign.toml").write_text(
+        f'[recordings]\nfiles = ["{source}"]\nstart_row = {start_row}\n'
+    )
+    for device in ("A7", "B"):
+        mine = table[start_row:].filter(pl.col("device") == device)
+        write(mine, tmp_path / f"alone-{source}")
+        known = replace(calibration(), device=device)
+        out = tmp_path / "out.parquet"
+        done = write_compensated(
+            known, tmp_path / source, out, campaign=tmp_path, rows=64, size=SIZE
+        )
+        expected = compensate_file(known, tmp_path / f"alone-{source}").table
+        assert_frame_equal(pl.read_parquet(out), expected, check_exact=True)
+        said = f"{mine.height} of {2 * ROWS - start_row} rows are compensated, those of device {device}, one of 2"
+        assert said in done.notes[0]
+    with pytest.raises(ValueError, match=r"holds 2 devices \(A7, B\)"):
+        compensate_file(replace(calibration(), device="C"), tmp_path / source)
+    with pytest.raises(ValueError, match="holds 2 devices"):
+        compensate_file(calibration(), tmp_path / source)
+    row = mine.height - 1
+    late = pl.when(pl.col("count") == 1000 + ROWS - 1).then(-1.0).otherwise("time").alias("time")
+    write(table.with_columns(late), tmp_path / source)
+    with pytest.raises(ValueError, match=rf"rows of one device \(device B\): time .* row {row} "):
+        write_compensated(known, tmp_path / source, out, campaign=tmp_path, rows=64, size=SIZE)
+
+
 def test_a_device_of_blanks_is_none(tmp_path):
     sn = pl.when(pl.int_range(pl.len()) == 3).then(pl.lit("  ")).otherwise(pl.lit("A7"))
     log().with_columns(device=sn).write_csv(tmp_path / "log.csv")

@@ -24,7 +24,7 @@ from ..data.recording import Recording
 from .better_at_rest import AtRest, Tally
 from .compensated_field import feels_current, further_columns
 from .extrapolation import extrapolated, margin
-from .recording_source import channels_of, in_service, source_of
+from .recording_source import channels_of, in_service, rows_of_device, source_of
 from .replaced_columns import replaced_columns
 from .required_columns import require_fit
 from .text_columns import TextKinds
@@ -81,10 +81,10 @@ def compensate_file(
     Columns accel_x/y/z (m/s²), gyro_x/y/z (rad/s) and mag_x/y/z (T) hold the result, and `extrapolated` says
     where the temperature is outside `calibration.temperature_range` (by more than `extrapolation.margin`). `time`
     (s) and `temperature` (°C) are as they were read, so that the result is a recording in canonical columns. Of CSV
-    and Parquet all other columns are kept as they are; any other format that `formats` reads gives its canonical
-    columns in SI, and a column `recording` where the file holds several of the device; of a log of several IMUs those
-    of the calibration's. `gyro_file` holds the gyros
-    where triads are logged apart; `campaign` is a `campaign.toml` (or its folder) that says names, units and layout.
+    and Parquet all other columns are kept as they are, and of a table of several devices the rows of the calibration's;
+    any other format that `formats` reads gives its canonical columns in SI, and a column `recording` where the file
+    holds several of the device; of a log of several IMUs those of the calibration's. `gyro_file` holds the gyros where
+    triads are logged apart; `campaign` is a `campaign.toml` (or its folder) that says names, units and layout.
     The force is that at the device's own place (`calibration.device_place`), with `at_table` that at the table's axes.
     Columns that are kept of a text are numbers where their numbers give the same text back, with `as_text` the text
     they are (`text_columns.TextKinds`).
@@ -97,7 +97,16 @@ def compensate_file(
     if chosen in (csv, parquet) and gyro_file is None:
         table, shown = _read(path, chosen, columns, layout, as_text=as_text)
         columns = in_service(columns, table.columns).of_files(layout)
-        found = tables.to_recordings(table, columns, layout, name=path.name)
+        first = min(layout.start_row, table.height - 1)  # with none left the reader says so
+        mine, left_out = rows_of_device(
+            table.slice(first), columns, calibration.device.strip(), path.name
+        )
+        if mine is not None:
+            table, shown = (t.slice(first).filter(mine) for t in (table, shown))
+            layout = msgspec.structs.replace(layout, start_row=0)
+        # Rows that a refusal counts are those of the device.
+        named = path.name if mine is None else f"{path.name}, rows of one device"
+        found = tables.to_recordings(table, columns, layout, name=named)
         (recording,) = _of_device(found, path.name)
         recording = with_temperatures(recording, layout.temperature_log)
         table, shown = table.slice(layout.start_row), shown.slice(layout.start_row)
@@ -108,7 +117,12 @@ def compensate_file(
         )
         return made._replace(
             table=own.among(shown, made.table),
-            notes=(*made.notes, *place, *notes_on_rows(path.name, kept.empty, kept.repeated)),
+            notes=(
+                *left_out,
+                *made.notes,
+                *place,
+                *notes_on_rows(path.name, kept.empty, kept.repeated),
+            ),
         )
     read = lambda file, how: detect.read_recordings(file, columns, how, name=chosen.NAME)
     notes: tuple[str, ...] = ()

@@ -6,6 +6,7 @@ from pathlib import Path
 from types import ModuleType
 
 import msgspec
+import polars as pl
 
 from ..data.campaign import device_files, with_temperature_logs
 from ..data.compensated import COLUMN, is_compensated
@@ -81,6 +82,26 @@ def in_service(columns: ColumnMap, there: Sequence[str] = ()) -> ColumnMap:
     """`[columns]` of a log from outside the station: names that only a station writes and that are not `there` go."""
     absent = {key: None for key in _OF_A_STATION if not _named(columns, key) <= set(there)}
     return msgspec.structs.replace(columns, **absent)
+
+
+def rows_of_device(
+    table: pl.DataFrame, columns: ColumnMap, device: str, name: str
+) -> tuple[pl.Series | None, tuple[str, ...]]:
+    """Which rows of a table of several devices are of that one, and a note that says so; `None` where all are, or where
+    none is, or a row says no device."""
+    column = columns.label("device") or "device"
+    if not device or column not in table.columns:
+        return None, ()
+    serial = table[column].cast(pl.String).str.strip_chars()
+    count = serial.n_unique()
+    mine = serial == device
+    if count == 1 or serial.null_count() or (serial == "").any() or not mine.any():
+        return None, ()
+    note = (
+        f"{name}: {mine.sum()} of {table.height} rows are compensated, those of device {device}, one of {count}; the "
+        "others are left out"
+    )
+    return mine, (note,)
 
 
 def channels_of(columns: ColumnMap, there: Sequence[str]) -> tuple[str, ...]:
