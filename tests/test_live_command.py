@@ -16,6 +16,7 @@ from inertiax.data.recording import Recording
 from inertiax.live.follow import events, plan
 from inertiax.live.recorder import Recorder
 from inertiax.live.session import Session
+from inertiax.plausibility.finding import Finding, Plausibility
 from inertiax.reduction.device_segments import segment_all
 from inertiax.reduction.rests import find_rests
 
@@ -257,6 +258,26 @@ def test_a_wrong_unit_is_a_problem_before_any_rest_is_trusted(tmp_path):
     assert "accel" in problems[0]["remedy"]
     first_rest = next(k for k, e in enumerate(found) if e["event"] == "rest")
     assert found.index(problems[0]) <= first_rest + 3
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("looks", [1, 2], ids=["at the end", "before"])
+def test_an_error_that_a_later_look_does_not_find_is_withdrawn(tmp_path, monkeypatch, looks):
+    """The plausibility finds an error at its first `looks` looks only; the last look is that at the end."""
+    wrong = Finding("accel_unit", "error", "accel", "recording-1: 1 g reads 0.4")
+    left = [1] * looks
+
+    def check(campaign):
+        found = (wrong,) if left else ()
+        left[:1] = []
+        return Plausibility(found)
+
+    monkeypatch.setattr("inertiax.live.session.check_campaign", check)
+    found, _ = followed(tmp_path, f"{HEADER}\n" + text(session_rows(4, POSES[:2])))
+    told, back = of(found, "problem")
+    assert told["severity"] == "error" and told["statement"] == wrong.statement
+    assert back["severity"] == "note" and back["withdraws"] == wrong.statement
+    assert found[-1]["event"] == "done" and not left
 
 
 def test_half_a_line_and_lines_that_are_no_rows_stop_nothing_and_are_kept(tmp_path):

@@ -100,6 +100,26 @@ def test_an_error_says_to_go_on_and_is_said_again_at_the_end(said):
     assert "Go on: rows are kept as they came" in first and last.endswith("mended: 1 g reads 9.8")
 
 
+def test_an_error_that_is_withdrawn_is_not_said_again_at_the_end(said):
+    wrong = {
+        "kind": "accel_unit",
+        "severity": "error",
+        "statement": "1 g reads 0.4",
+        "remedy": None,
+    }
+    back = {
+        "kind": "accel_unit",
+        "severity": "note",
+        "statement": "no longer found",
+        "remedy": None,
+    }
+    done = {"event": "done", "reason": "input ended", "rests": 3, "seconds": 20.0}
+    again = {"event": "problem"} | wrong
+    _, note, last = said(again, {"event": "problem", "withdraws": "1 g reads 0.4"} | back, done)
+    assert note == "note: no longer found" and last == "done: input ended after 20 s and 3 rests"
+    assert said(again, done)[1].endswith("still to be mended: 1 g reads 0.4")
+
+
 def test_a_rest_that_does_no_step_and_a_target_that_is_not_checked_are_said(said):
     rest = REST | {"accepted": True, "uncounted": "does not count for step 1: 90° off"}
     assert said(rest) == [

@@ -20,8 +20,8 @@ from browser import Browser, FOUND
 from hard_limit import ends_within
 from inertiax.cli.live import _Bell
 from inertiax.data.recording import Recording
-from inertiax.live.events import state_event
-from inertiax.live.page_feed import MOST_CLIENTS
+from inertiax.live.events import problem_event, state_event, withdrawn_event
+from inertiax.live.page_feed import Feed, MOST_CLIENTS
 from inertiax.live.page_server import PageServer
 from inertiax.live.row_store import RowStore
 
@@ -195,6 +195,14 @@ def test_only_the_loopback_address_is_listened_on(server):
     assert server._socket.getsockname()[0] == "127.0.0.1"
 
 
+def test_of_an_error_that_is_withdrawn_a_new_page_hears_nothing():
+    feed = Feed()
+    feed.publish(problem_event("accel_unit", "error", "1 g reads 0.4"))
+    assert json.loads(feed.so_far())[0]["statement"] == "1 g reads 0.4"
+    feed.publish(withdrawn_event("accel_unit", "1 g reads 0.4"))
+    assert json.loads(feed.so_far()) == []
+
+
 def test_a_page_is_told_what_counts_so_far_and_then_what_comes(server, listen):
     for event in (START, rest(1), rest(2), state(), rest(1, accepted=False), state(rate=0.5)):
         server(event)
@@ -366,6 +374,10 @@ for (const event of [{ event: "start" }, { event: "rest", number: 1, accepted: t
   { event: "rest", number: 1, accepted: false }, { event: "problem" }, { event: "done" }])
   told = live.after(told, event);
 out.told = [told.rests[1].accepted, told.problems.length, Boolean(told.done)];
+told = live.after(told, { event: "problem", statement: "1 g reads 0.4" });
+out.wrong = told.problems.length;
+told = live.after(told, { event: "problem", withdraws: "1 g reads 0.4" });
+out.withdrawn = told.problems.length;
 told = live.after(told, { event: "start" });
 out.again = [Object.keys(told.rests).length, told.problems.length, Boolean(told.done)];
 console.log(JSON.stringify(out));
@@ -389,6 +401,7 @@ def test_the_geometry_and_the_state_of_the_script(tmp_path):
     assert out["stated"] == "−1260 ± 196 µrad, limit 1000"
     assert out["share"] == [pytest.approx(0.5), 1, 1]
     assert out["told"] == [False, 1, True] and out["again"] == [0, 0, False]
+    assert (out["wrong"], out["withdrawn"]) == (2, 1)
 
 
 def played(server):

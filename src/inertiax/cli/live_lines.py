@@ -45,6 +45,8 @@ class Words:
     def _problem(self, event: dict) -> str:
         remedy = f" Into campaign.toml: {event['remedy']}" if event["remedy"] else ""
         on = ""
+        if event.get("withdraws") in self._errors:
+            self._errors.remove(event["withdraws"])
         if event["severity"] == "error":
             self._errors.append(event["statement"])
             on = " Go on: rows are kept as they came, so mend campaign.toml afterwards."

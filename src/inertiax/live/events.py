@@ -68,6 +68,12 @@ def problem_event(kind: str, severity: str, statement: str, remedy: str | None =
     }
 
 
+def withdrawn_event(kind: str, statement: str) -> Event:
+    """A problem that a later look at more rows does not find."""
+    made = problem_event(kind, "note", f"no longer found: {statement}")
+    return made | {"withdraws": statement}
+
+
 def progress_event(found: Estimate) -> Event:
     """What is known so far, against the target."""
     return {

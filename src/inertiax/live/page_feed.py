@@ -42,7 +42,10 @@ class Feed:
     def publish(self, event: Event) -> None:
         """An event to every page; a page that is too far behind is dropped."""
         said = msgspec.json.encode(event)
-        self._kept[_identity(event)] = said
+        if "withdraws" in event:  # neither counts any longer
+            self._kept.pop(("problem", event["kind"], event["withdraws"]), None)
+        else:
+            self._kept[_identity(event)] = said
         message = _sent(said)
         for client in tuple(self._clients):
             try:

@@ -24,6 +24,7 @@ from .events import (
     start_event,
     state_event,
     warming_event,
+    withdrawn_event,
 )
 from .gyro_rows import Turn
 from .itinerary import Itinerary
@@ -66,6 +67,7 @@ class Session:
         self._begin()
 
     def _begin(self) -> None:
+        self._errors: dict[tuple[str, str], str] = {}  # of this recording, as they were told
         self._stores.append(RowStore(f"recording-{len(self._stores) + 1}"))
         self._watch = RestWatch(self.store)
 
@@ -126,7 +128,7 @@ class Session:
         reason = "target reached" if reached else "input ended"
         if self.itinerary is not None and self.itinerary.finished(self.accepted):
             reason = "run completed"
-        yield self._done(reason)
+        yield from self._done(reason)
 
     # --- rests -----------------------------------------------------------------------------------
 
@@ -296,16 +298,16 @@ class Session:
             if self.itinerary.finished(self.accepted):
                 yield from self._refresh(row, ended=False)
                 if self.itinerary.finished(self.accepted):
-                    yield self._done("run completed")
+                    yield from self._done("run completed")
             return
         if not (self.estimate.reached or self._is_exhausted(self.estimate)):
             return
         yield from self._refresh(row, ended=False)
         assert self.estimate is not None
         if self.estimate.reached:
-            yield self._done("target reached")
+            yield from self._done("target reached")
         elif self._is_exhausted(self.estimate, count=False):
-            yield self._done("nothing more to gain")
+            yield from self._done("nothing more to gain")
 
     def _is_exhausted(self, found: Estimate, *, count: bool = True) -> bool:
         """Whether nothing gains, twice in a row."""
@@ -351,12 +353,23 @@ class Session:
         if self._checked and not any(self._checked <= n <= count for n in CHECKED):
             return
         self._checked = count + 1
+        yield from self._problems(row)
+
+    def _problems(self, row: int) -> Iterator[Event]:
+        """What a look at the rows finds and was not told yet; errors that it finds no longer are withdrawn: with few
+        rests, or with one that was none, a triad may seem to read what it does not."""
         recording = self.store.recording(0, row)
         seen = check_campaign(dataclasses.replace(self.campaign, recordings=(recording,)))
+        wrong = {(f.kind, f.what) for f in seen.findings if f.severity == "error"}
+        for key in self._errors.keys() - wrong:
+            self._told.discard(key)
+            yield withdrawn_event(key[0], self._errors.pop(key))
         for found in seen.findings:
             key = found.kind, found.what
             if key not in self._told and found.severity != "note":
                 self._told.add(key)
+                if found.severity == "error":
+                    self._errors[key] = found.statement
                 yield problem_event(found.kind, found.severity, found.statement, found.remedy)
 
     def start_event(self) -> Event:
@@ -368,6 +381,8 @@ class Session:
         if self.itinerary is not None and (first := self.itinerary.next_position([])) is not None:
             yield next_event(first)
 
-    def _done(self, reason: str) -> Event:
+    def _done(self, reason: str) -> Iterator[Event]:
+        if self._errors:
+            yield from self._problems(self.store.count)
         self.finished = True
-        return done_event(reason, len(self.accepted), self._seconds)
+        yield done_event(reason, len(self.accepted), self._seconds)

@@ -50,7 +50,11 @@ const Live = (() => {
     switch (event.event) {
       case "start": return { start: event, rests: {}, problems: [], attitude: known.attitude };
       case "rest": return { ...known, rests: { ...known.rests, [event.number]: event } };
-      case "problem": return { ...known, problems: [...known.problems, event] };
+      case "problem": {
+        const { withdraws } = event;
+        const left = withdraws ? known.problems.filter((p) => p.statement !== withdraws) : [...known.problems, event];
+        return { ...known, problems: left };
+      }
       case "state": {
         const attitude = event.up ? followed(known.attitude, event.up) : known.attitude;
         return { ...known, state: event, attitude };
@@ -195,7 +199,7 @@ if (typeof document !== "undefined") (() => {
       `${r.number}: ${r.start.toFixed(1)} to ${r.end.toFixed(1)} s, ${r.accepted ? "accepted" : `refused: ${r.why}`}`,
       r.accepted ? "" : "bad")));
     const problems = known.problems.map((p) => line(`${p.severity}: ${p.statement}`, p.severity === "error" ? "bad" : ""));
-    if (problems.length) find("problems").replaceChildren(...problems);
+    find("problems").replaceChildren(...(problems.length ? problems : [line("none", "soft")]));
   }
 
   // Events come in bursts; what they say is drawn once a frame.
