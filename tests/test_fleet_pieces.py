@@ -80,3 +80,13 @@ def test_a_row_without_a_serial_number_is_named(tmp_path, dictionary):
     pq.write_table(table, file, use_dictionary=dictionary, row_group_size=2)
     with pytest.raises(ValueError, match="line.parquet: column 'device' is empty in row 3"):
         split([file], ColumnMap())
+
+
+def test_blanks_around_a_serial_number_are_none_of_it(tmp_path):
+    file = tmp_path / "line.parquet"
+    pq.write_table(pa.table({"device": [" A7", "A7", "B ", "  "], "position": [0] * 4}), file)
+    with pytest.raises(ValueError, match="line.parquet: column 'device' is empty in row 3"):
+        split([file], ColumnMap())
+    pq.write_table(pa.table({"device": [" A7", "A7", "B "], "position": [0] * 3}), file)
+    devices = [name for task in split([file], ColumnMap()) for name, _ in task.devices]
+    assert devices == ["A7", "B"]
