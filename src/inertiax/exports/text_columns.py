@@ -2,12 +2,15 @@
 
 from collections.abc import Collection, Mapping
 
+import numpy as np
 import polars as pl
 
 
 # From narrow to wide: what holds the values of two pieces is the wider kind. Nothing was seen yet in the first.
 KINDS = (None, pl.Int64, pl.Float64, pl.String)
 
+_FRACTION = r"^[+-]?(0|[1-9]\d*)\.(\d+)$"
+_DIGITS = 15  # that every float gives back
 _EXACT = 2**53  # up to which all whole numbers are floats
 
 Kinds = Mapping[str, int]  # index into `KINDS` of each column
@@ -17,8 +20,8 @@ class TextKinds:
     """What columns of a text are read as, and what they are kept as beside the compensated ones.
 
     All that hold numbers are read as numbers but the device's. As CSV each is kept as the text it is. As Parquet
-    `channels` are numbers, and of the others those whose numbers give the same text back: a serial number 0012 and a
-    version 1.10 do not.
+    `channels` are numbers, and of the others those whose numbers give the same text back, or have one number of
+    decimals throughout: a serial number 0012 and versions 1.9 and 1.10 do not.
     """
 
     def __init__(self, device: str, channels: Collection[str], *, as_text: bool):
@@ -27,7 +30,8 @@ class TextKinds:
         self._kept: Kinds = {}
         self._large: set[str] = (
             set()
-        )  # columns of which a piece held whole numbers that no float gives back
+        )  # of which a piece held whole numbers that no float gives back
+        self._decimals: dict[str, int | None] = {}  # that all numbers of a column have
 
     def see(self, table: pl.DataFrame) -> None:
         """Look at a table of text, or at one more piece of it."""
@@ -40,6 +44,9 @@ class TextKinds:
                     self._large.add(name)
                 elif KINDS[kind] is pl.Float64 and name in self._large:
                     found[name] = len(KINDS) - 1
+                decimals = _decimals(table[name])
+                if self._decimals.setdefault(name, decimals) != decimals:
+                    self._decimals[name] = None
             self._kept = {**self._read, **found}
 
     def read(self, table: pl.DataFrame) -> pl.DataFrame:
@@ -48,7 +55,10 @@ class TextKinds:
 
     def kept(self, table: pl.DataFrame) -> pl.DataFrame:
         """The table as its columns are kept."""
-        return table if self._as_text else typed(table, self._kept)
+        if self._as_text:
+            return table
+        fixed = {n: KINDS.index(pl.Float64) for n, d in self._decimals.items() if d is not None}
+        return typed(table, {**self._kept, **fixed})
 
 
 def kinds_of(table: pl.DataFrame, known: Kinds | None = None, *, exactly: bool = False) -> Kinds:
@@ -80,6 +90,16 @@ def _gives_back(numbers: pl.Series, text: pl.Series) -> bool:
     other = ~((told == text) | (told == text + ".0")).fill_null(value=True)
     pairs = zip(numbers.filter(other), text.filter(other), strict=True)
     return all(repr(number) == written for number, written in pairs)
+
+
+def _decimals(column: pl.Series) -> int | None:
+    """How many decimals all numbers of a column of text have that are told to no more than 15 digits; else `None`."""
+    parts = column.str.strip_chars().str.extract_groups(_FRACTION).struct.unnest()
+    if parts.is_empty() or parts["2"].null_count():
+        return None
+    whole, fraction = (parts[name].str.len_chars().to_numpy() for name in ("1", "2"))
+    fixed = np.all(fraction == fraction[0]) and np.all(whole + fraction <= _DIGITS)
+    return int(fraction[0]) if fixed else None
 
 
 def _exceeds_floats(column: pl.Series) -> bool:
