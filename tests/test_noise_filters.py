@@ -115,6 +115,36 @@ def test_a_random_walk_shows_beside_a_filter():
     assert model.terms["N"].lower < N < model.terms["N"].upper
 
 
+@pytest.mark.parametrize("seed", [32, 80, 275])
+def test_a_slope_throughout_the_band_is_no_filter_that_hides_n(seed):
+    # A hand that begins to move: knocks in the last second of ten. N and a corner far below the band are one product.
+    rng, t = np.random.default_rng(seed), np.arange(965)
+    log = 9e-4 * rng.normal(size=len(t))
+    for _ in range(5):
+        height, middle, width = rng.uniform(0.02, 0.13), rng.uniform(870, 960), rng.uniform(1, 3)
+        log += height * np.exp(-0.5 * ((t - middle) / width) ** 2)
+    model = identify(log, rate=100.0)
+    found = model.terms["N"]
+    assert not found.shown or (found.value < 100 * N and np.isfinite(found.upper))
+    assert model.corner is None or model.corner > model.band[0]
+
+
+@pytest.mark.parametrize("backwards", [False, True])
+def test_a_motion_at_an_end_of_a_rest_is_no_noise_of_it(backwards):
+    rng = np.random.default_rng(7)
+    accel = np.array([0.0, 0.0, 9.8]) + 0.05 * rng.normal(size=(965, 3))
+    gyro = 9e-4 * rng.normal(size=(965, 3))
+    gyro[-60:] += 0.01 * rng.normal(size=(60, 3))
+    if backwards:
+        gyro = gyro[::-1]
+    channels = noise_of(Recording.from_arrays(accel=accel, gyro=gyro, sample_rate=100.0)).channels
+    for channel in channels[3:]:
+        found = channel.model.terms["N"]
+        assert found.shown and found.lower < 9e-5 < found.upper < 1.2e-4
+        # 865 samples tell a standard deviation to 2.4 %: three sigma.
+        assert channel.sample == pytest.approx(9e-4, rel=0.075)
+
+
 @pytest.mark.parametrize("rows, kept", [(2, 2.0), (3, 3.0), (1.5, 1.5)])
 def test_of_held_samples_the_sensors_own_count(rows, kept):
     log = white(4)

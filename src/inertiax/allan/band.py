@@ -56,6 +56,21 @@ class Band(Module):
             return found, ("Q", "N", "B", "K")
         return found.with_terms(np.arange(4) > 0), ("N", "B", "K")
 
+    def fitted(
+        self, spectrum: Spectrum, rounding: float
+    ) -> tuple["Band", Problem, tuple[str, ...], Fit]:
+        """The likeliest model with the band it holds for, which is one without a filter where the log tells no corner:
+        of a filter that has halved the power before the band begins, N and the corner may be anything together."""
+        problem, names = self.problem(spectrum, rounding)
+        fit = maximum_likelihood(problem)
+        if not self.order or _half_power(fit) >= _begin(spectrum, self):
+            return self, problem, names, fit
+        plain = dataclasses.replace(self, order=0, seen=False)
+        problem, names = plain.problem(spectrum, rounding)
+        fit = maximum_likelihood(problem)
+        passes = misfit(problem, fit)[1] > _CHANCE
+        return dataclasses.replace(plain, passes=passes), problem, names, fit
+
     def whole(self) -> "Band":
         """The band with its lines."""
         return dataclasses.replace(self, kept=self.kept | self.lines)
@@ -228,12 +243,23 @@ def abscissa(
     return np.square(np.sin(np.pi * frequency / rate))
 
 
-def corner_of(band: Band, fit: Fit, rate: float) -> float | None:
-    """Where the filter has halved the power, Hz; `None` where it does so beyond the band."""
+def _begin(spectrum: Spectrum, band: Band) -> float:
+    """x of the band's lowest ordinate."""
+    lowest = float(spectrum.frequency[band.kept][0])
+    return float(abscissa(lowest, spectrum.rate) / abscissa(band.upper, spectrum.rate))
+
+
+def _half_power(fit: Fit) -> float:
+    """x at which the filter has halved the power; infinity where it never does."""
     roots = np.roots(np.append(fit.filter[::-1], -1.0))  # c₁ x + c₂ x² + … = 1
     real = roots.real[(np.abs(roots.imag) < 1e-9 * np.abs(roots)) & (roots.real > 0.0)]
-    inside = real[real <= 1.0]
-    if not len(inside):
+    return float(real.min(initial=np.inf))
+
+
+def corner_of(band: Band, fit: Fit, rate: float) -> float | None:
+    """Where the filter has halved the power, Hz; `None` where it does so beyond the band."""
+    half = _half_power(fit)
+    if half > 1.0:
         return None
-    sine = float(np.sqrt(inside.min() * abscissa(band.upper, rate)))
+    sine = float(np.sqrt(half * abscissa(band.upper, rate)))
     return rate / np.pi * float(np.arcsin(sine))

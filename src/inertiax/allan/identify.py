@@ -14,7 +14,7 @@ from jaxtyping import Float
 
 from ..reduction.mean_noise import quantisation_step
 from .band import Band, corner_of, find_band, misfit
-from .likelihood import covariance, Fit, maximum_likelihood, model_of, Problem, variance
+from .likelihood import covariance, Fit, model_of, Problem, variance
 from .limits import terms_of
 from .model import NoiseModel, NoiseTerm, TERMS
 from .ramp import plain_slope, ramp_term, slope
@@ -75,14 +75,12 @@ def identify_samples(log: Log, *, rate: float, triad: str) -> NoiseModel:
     spectrum = spectrum_of(log, rate, ramp)
     rounding = _rounding(spectrum, step)
     band = find_band(spectrum, rounding)
-    problem, names = band.problem(spectrum, rounding)
-    fit = maximum_likelihood(problem)
+    band, problem, names, fit = band.fitted(spectrum, rounding)
     # The ramp was taken out by least squares; now it is with the weights of the noise found.
     better, _ = slope(log, rate, _every(names, fit.squares))
     if _matters(better - ramp, spectrum, len(log)):
         ramp, spectrum = better, spectrum_of(log, rate, better)
-        problem, names = band.problem(spectrum, rounding)
-        fit = maximum_likelihood(problem)
+        band, problem, names, fit = band.fitted(spectrum, rounding)
     chi2, _ = misfit(problem, fit)
     terms = terms_of(problem, fit, names, 1.0 if band.passes else max(chi2, 1.0))
     terms["R"] = _ramp(log, rate, problem, fit, names)
@@ -156,8 +154,10 @@ def _judged(
     if failed or coarse:
         return {}
     white = terms["N"]
-    if white.value is not None and white.std is not None and white.std > LOOSEST * white.value:
-        terms["N"] = NoiseTerm(None, None, 0.0, white.upper, white.least)
+    if white.value is not None and white.std is not None:
+        # Without an upper limit, a filter's corner takes what N gives.
+        if white.std > LOOSEST * white.value or not np.isfinite(white.upper):
+            terms["N"] = NoiseTerm(None, None, 0.0, white.upper, white.least)
     # What happens below the band is not described, so that it tells nothing of the slow terms.
     return {k: v for k, v in terms.items() if band.lower == 0.0 or k in ("Q", "N")}
 

@@ -21,6 +21,7 @@ from .temperature_drift import follows_temperature, without_slow_terms
 
 _LONG = 1 << 18  # samples from which on long averaging times use means of neighbours
 _LEAST_WINDOW = 64  # samples over which one sample's scatter is taken
+_TOUCHED = 10.0  # of the windows' median variance: beyond it the device was touched (convention)
 _THINNED = 16  # samples to such a mean
 UNLIKE = 5.0  # chi2_per_dof above which the terms do not describe a channel
 
@@ -152,15 +153,13 @@ def _scatter_of_samples(log: Log, model: NoiseModel) -> float:
     a low-pass filter it is less than N √rate.
     """
     width = max(int(round(model.rate)), _LEAST_WINDOW)
-    total = count = 0.0
-    for block in blocks_of(log):
-        windows = block[: len(block) // width * width].reshape(-1, width)
-        total += float(windows.var(axis=1).sum())
-        count += len(windows)
-    if not count:
+    whole = (block[: len(block) // width * width].reshape(-1, width) for block in blocks_of(log))
+    variances = np.concatenate([windows.var(axis=1) for windows in whole])
+    if not len(variances):
         return float(np.std(log[:], ddof=1))
+    usual = variances[variances <= _TOUCHED * np.median(variances)]
     white = model.terms["N"].value or 0.0
-    return float(np.sqrt(total / count + white**2 * model.rate / width))
+    return float(np.sqrt(usual.mean() + white**2 * model.rate / width))
 
 
 def _curve(log: Log, rate: float) -> Deviations:
