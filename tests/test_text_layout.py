@@ -117,6 +117,19 @@ def test_text_columns_beside_the_numbers_are_left_alone(tmp_path):
     check(read(tmp_path, text))
 
 
+@pytest.mark.parametrize("note", ["ok;warm", '"ok; warm"', "0;1", "ok\twarm"])
+def test_another_delimiter_in_a_text_does_not_take_the_file_apart(tmp_path, note):
+    text = "t,note,ax,ay,az,gx,gy,gz\n" + "".join(
+        x.replace(",", f",{note},", 1) + "\n" for x in rows().splitlines()
+    )
+    check(read(tmp_path, text))
+
+
+@pytest.mark.parametrize("delimiter", [";", "\t"])
+def test_decimal_commas_split_no_fields_that_others_part(tmp_path, delimiter):
+    check(read(tmp_path, header(delimiter) + rows(delimiter).replace(".", ",")))
+
+
 def test_a_row_of_units_is_left_out_by_start_row(tmp_path):
     text = header() + "s,g,g,g,rad/s,rad/s,rad/s\n" + rows()
     check(read(tmp_path, text, start_row=1))

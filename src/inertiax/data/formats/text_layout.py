@@ -25,6 +25,7 @@ _DELIMITERS = ("\t", ";", ",", " ")
 FIRST_LINES = 300  # lines that are looked at: the longest preambles have some dozens
 UTF8_MARK = b"\xef\xbb\xbf"  # at the start of a text
 FIRST_BYTES = 1 << 20  # and no more bytes than this, once there are two lines
+_FOR_VALUES = 20  # lines that tell whether a delimiter stands between values
 _SEPARATOR = re.compile(r'"?sep=(.)"?', re.IGNORECASE)
 
 
@@ -164,14 +165,30 @@ def _usual_width(counts: list[int]) -> int:
 
 
 def _delimiter(body: list[_Line]) -> str:
-    """The first of tab, semicolon, comma and blank that splits most lines of data into equally many fields."""
+    """The first of tab, semicolon, comma and blank that splits most lines of data into equally many fields.
+
+    One whose fields are mostly no values (it stands within a text) gives way to a later one whose fields are.
+    """
     tail = body[len(body) // 2 :] or body  # settings stand at the start
+    first, fewest = None, 0
     for delimiter in _DELIMITERS:
         counts = [_number_of_fields(x.text, delimiter) for x in tail]
         usual = _usual_width(counts)
-        if usual > 1 and 2 * counts.count(usual) > len(counts):
+        if usual < 2 or 2 * counts.count(usual) <= len(counts):
+            continue
+        alike = [x for x, count in zip(tail, counts, strict=True) if count == usual]
+        values, filled = _values(alike, delimiter)
+        if 2 * values > filled and values > fewest:
             return delimiter
-    return ","
+        if first is None:
+            first, fewest = delimiter, values
+    return first or ","
+
+
+def _values(lines: list[_Line], delimiter: str) -> tuple[int, int]:
+    """How many fields of some of the lines are values, and how many hold anything."""
+    filled = [f for x in lines[:_FOR_VALUES] for f in fields(x.text, delimiter) if f]
+    return sum(map(is_value, filled)), len(filled)
 
 
 def _header(
