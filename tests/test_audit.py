@@ -2,6 +2,7 @@
 
 import json
 
+import equinox as eqx
 import numpy as np
 import pytest
 import scipy.stats
@@ -238,3 +239,27 @@ def test_a_plan_is_not_said_to_lack_what_only_its_ramps_show():
     rows = {row[0]: row[1] for row in blind.tables[0].rows}
     assert "in the ramps" in rows["time_delay"] and "does not excite" not in rows["time_delay"]
     assert rows["quantization"] == "this plan does not excite it"
+
+
+@pytest.mark.parametrize("moves", ["not at all", "by rounding", "within a step", "within the rest"])
+def test_no_effect_of_temperature_is_told_from_what_hardly_moves(moves):
+    campaign = still(200.0)
+    (recording,) = campaign.recordings
+    time = np.asarray(recording.time)
+    course = {
+        "not at all": 0.0 * time,
+        "by rounding": 3e-15 * (np.arange(len(time)) % 3),
+        "within a step": 0.1 * (np.arange(len(time)) % 7 == 0),
+        "within the rest": np.round(0.3 * np.sin(time / 30.0), 2),
+    }[moves]
+    warmed = eqx.tree_at(
+        lambda r: r.temperature, recording, 28.3 + course[:, None], is_leaf=lambda x: x is None
+    )
+    found = audit(eqx.tree_at(lambda c: c.recordings, campaign, (warmed,)))
+    sizes = [d.size for d in found.detectable if d.name == "temperature_dependence"]
+    if moves != "within the rest":
+        reason = dict(found.not_testable)["temperature_dependence"]
+        assert not sizes and "no more than the least step" in reason
+    else:
+        # 400 samples of 1e-4 m/s² tell a mean to 5e-6: no coefficient of a curve within [-1, 1] is told better.
+        assert all(size > 5e-6 for size in sizes)

@@ -17,7 +17,7 @@ from .candidates.signatures import block_shapes, coarsen, in_other_form, Term
 from .estimates.cross_validation import effect_columns, predict_rest
 from .findings import find, find_all, Finding, Progress, silent
 from .observations.blocks import Blocks, cut, join, Log
-from .observations.model_rows import Baseline, calibrated, CalibratedTriad, rows, usable
+from .observations.model_rows import Baseline, calibrated, CalibratedTriad, rows, spanning, usable
 from .observations.signals import specific_force
 from .pipeline import conclude_findings, tuned
 from .problem import prepare, prepare_triad, Prepared
@@ -67,6 +67,7 @@ def hold_out(
             model = calibrated(fitted, triad)
             if model is None:
                 continue
+            model = spanning(model, blocks)
             fits = usable(model.form, blocks)
             rest, left = blocks[~inside & fits], blocks[inside & fits]
             base = rows(model, rest, None if force is None else rest.mean(force))

@@ -36,6 +36,7 @@ from .observations.model_rows import (
     expected_output,
     ModelForm,
     rows,
+    spanning,
     usable,
 )
 from .observations.signals import build, specific_force
@@ -178,6 +179,7 @@ def prepared_triads(
             return _of_blocks(campaign, log, model, force, listed, mine, sizes)
 
     models = [m for m in (calibrated(fitted, triad) for triad in triads) if m is not None]
+    models = [spanning(m, blocks) for m in models]
     return side_by_side(one, models, rows=len(models) * len(log.time))
 
 

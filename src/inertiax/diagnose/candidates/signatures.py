@@ -14,6 +14,7 @@ from ..observations.model_rows import Baseline
 
 
 BATCH = 32  # settings evaluated together
+STILL = "the temperature moves by no more than the least step of its readings"
 UNFELT = 2e-3  # part of an addition's square that must reach the rows: a rotation leaves |a| alone
 
 
@@ -202,7 +203,9 @@ def terms(
             continue
         lacking = [k for k in effect.requires if getattr(signal, k) is None]
         if lacking:
-            missing[effect.name] = f"no {', '.join(lacking)} recorded or known"
+            still = "temperature" in lacking and blocks.temperature is not None
+            named = f"no {', '.join(lacking)} recorded or known"
+            missing[effect.name] = STILL if still else named
             continue
         if signal.triad == "gyro" and greatest < effect.least_rate:
             missing[effect.name] = "no rates but Earth's"

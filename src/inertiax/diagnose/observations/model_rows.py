@@ -5,6 +5,7 @@ the others, one chain of rows per channel. They are linearised at the calibratio
 """
 
 import re
+from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Float
@@ -115,6 +116,18 @@ def calibrated(result: DeviceResult, triad: str) -> CalibratedTriad | None:
     gravity = float(result.calibration.gravity)
     form = ModelForm(triad, spec.estimator, basis.size - 1, names, low, high, gravity)
     return CalibratedTriad(form, _of_rests(found.estimator), coefficients)
+
+
+def spanning(model: CalibratedTriad, blocks: Blocks) -> CalibratedTriad:
+    """A constant model whose scale of temperature holds the rows' temperatures, beside those of its dwells' means.
+
+    Effects are polynomials on [-1, 1]: where one rest was all, its mean alone would be the scale of what moved in it.
+    """
+    if model.form.degree > 0 or blocks.temperature is None:
+        return model
+    low = min(model.form.low, float(blocks.temperature.min()))
+    high = max(model.form.high, float(blocks.temperature.max()))
+    return replace(model, form=replace(model.form, low=low, high=high))
 
 
 def of_means(triad: str, blocks: Blocks, gravity: float) -> Baseline:

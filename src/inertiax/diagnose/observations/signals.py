@@ -18,6 +18,7 @@ from .vertical import upright_axis
 
 
 JOINT = 5.0  # °C from one row to the next, which no device does
+_ROUNDING = 1e-12  # of a temperature: some thousand units in its last place
 # Part of a plateau's root mean square force that its mean has where the force stands in the case: cos 6°, where it
 # turns at 6° to the axis.
 _STANDS = 0.995
@@ -108,6 +109,16 @@ def smooth_temperature(log: Log, span: float = 20.0) -> tuple[np.ndarray, np.nda
         wide = min(3 * width // 2 * 2 + 1, (count - 1) // 2 * 2 + 1)
         rate[rows] = local_parabola(t, wide, step)
     return value, rate
+
+
+def temperature_moves(log: Log, blocks: Blocks) -> bool:
+    """Whether the blocks' means differ by more than the probe's least step: less is rounding and tells nothing."""
+    assert log.temperature is not None and blocks.temperature is not None
+    values = np.concatenate([log.temperature[a:b] for a, b in zip(blocks.start, blocks.stop)])
+    gaps = np.diff(np.unique(values))
+    # What differs by rounding alone is one value.
+    steps = gaps[gaps > _ROUNDING * np.abs(values).max()]
+    return bool(len(steps)) and bool(np.ptp(blocks.temperature) > steps.min())
 
 
 def specific_force(log: Log, blocks: Blocks, accel: CalibratedTriad | None) -> np.ndarray | None:
@@ -260,7 +271,7 @@ def build(log: Log, blocks: Blocks, base: Baseline, force: np.ndarray | None) ->
         given = rate if rate is not None else np.zeros_like(output)
         physical = given
     temperature = rate_t = None
-    if log.temperature is not None:
+    if log.temperature is not None and (form.degree > 0 or temperature_moves(log, blocks)):
         temperature, rate_t = smooth_temperature(log)
     since_power, since_start, since_move = since(log, blocks)
     white = getattr(blocks, f"{triad}_white") * blocks.count[:, None]
