@@ -12,8 +12,13 @@ import pytest
 
 from command_runs import run
 from fleet_results_data import _names, _truth, _write_results, NAMES, OWN, SPREAD
+from inertiax.calibrate.fit_quality import judge
+from inertiax.calibrate.pipeline import calibrate_device
 from inertiax.cli.next_step import after_fleet
 from inertiax.cli.outputs import folder_names
+from inertiax.data.campaign import load_campaign
+from inertiax.data.recording import Campaign
+from inertiax.fleet import run_fleet
 from inertiax.fleet.overview.view import triad_view
 from inertiax.fleet.rows import _gaps
 from inertiax.fleet.store import read_manifest, read_parts
@@ -162,3 +167,38 @@ def test_the_command_to_run_next_diagnoses_a_folder_whose_fit_is_not_good(tmp_pa
     assert after_fleet(line, ()) == after_fleet(line, ("C",)) == ""
     (line / "campaign.toml").write_text("")
     assert after_fleet(line, ("C", "./D")) == ""
+
+
+def _write_hand_log(
+    folder: Path, up: np.ndarray, *, mag: bool = False, gyro: bool = False
+) -> Campaign:
+    """A campaign of rests with gravity along the rows of `up`; the triads that it has are its columns."""
+    rng = np.random.default_rng(len(up))
+    every = lambda x: np.repeat(x, 300, axis=0)
+    triads = {"accel": every(9.81 * up * 1.001 + 0.02)} | ({"mag": every(5e-5 * up)} if mag else {})
+    triads |= {"gyro": every(np.full(up.shape, 1e-3))} if gyro else {}
+    columns = {"time": 0.02 * np.arange(len(every(up))), "position": every(np.arange(len(up)))}
+    for name, values in triads.items():
+        noisy = values + 1e-3 * np.abs(values).max() * rng.standard_normal(values.shape)
+        columns |= {f"{name}_{a}": noisy[:, k] for k, a in enumerate("xyz")}
+    folder.mkdir(parents=True)
+    pl.DataFrame(columns).write_csv(folder / "log.csv")
+    (folder / "campaign.toml").write_text(
+        '[site]\ngravity = 9.81\n[recordings]\nfiles = ["log.csv"]\n'
+    )
+    return load_campaign(folder)
+
+
+FACES = np.concatenate([np.eye(3), -np.eye(3)])
+
+
+@pytest.mark.parametrize("up, gyro", [(FACES, False), (np.eye(3)[:1], True)])
+def test_what_calibrate_says_of_the_positions_of_one_device_the_fleet_says_too(tmp_path, up, gyro):
+    campaign = _write_hand_log(tmp_path / "line" / "A", up, gyro=gyro)
+    alone = judge(calibrate_device(campaign))
+    run_fleet(tmp_path / "line", tmp_path / "run")
+    manifest = read_manifest(tmp_path / "run")
+    (row,) = read_parts(tmp_path / "run").collect().iter_rows(named=True)
+    assert alone.verdict == "usable" == device_verdict(row, manifest)
+    (said,) = row["warnings"]
+    assert said in [f.text[0].lower() + f.text[1:] for f in alone.findings]

@@ -108,7 +108,7 @@ def calibrate_one_by_one(task: Task, devices: Devices, manifest: Manifest) -> pl
         try:
             own = _given(one)
             _require_columns(own, manifest)
-            result = calibrate_device(own, model=manifest.model)
+            result = _by_the_lines_model(own, manifest)
             columns = _row(result, manifest)
             if manifest.documented:
                 columns |= _documents(result, own, manifest)
@@ -118,6 +118,38 @@ def calibrate_one_by_one(task: Task, devices: Devices, manifest: Manifest) -> pl
         columns |= {"device": [name], "number": np.array([number])}
         rows.append(table_of(columns, 1, empty))
     return pl.concat([empty, *rows]).drop("number")
+
+
+def _by_the_lines_model(own: Campaign, manifest: Manifest) -> DeviceResult:
+    """A device's calibration by the line's model: its own where it is of that model, with all that choosing it showed.
+
+    One that is fitted again asks nothing of its positions: that they do not tell the misalignments would go unsaid.
+    """
+    try:
+        alone = calibrate_device(own)
+    except ValueError:
+        alone = None
+    if alone is not None and _is_of_model(alone, manifest):
+        return alone
+    return calibrate_device(own, model=manifest.model)
+
+
+def _is_of_model(result: DeviceResult, manifest: Manifest) -> bool:
+    """Whether a device's own model is the line's, its degrees over temperature among it."""
+    line, own = manifest.model, result.model
+    if line is None or _options(own) != _options(line):
+        return False
+    for triad in ("accel", "gyro"):
+        calibration: TriadCalibration | None = getattr(result.calibration, triad)
+        model: TriadModel | None = getattr(manifest, triad)
+        if (calibration is None) != (model is None):
+            return False
+        if calibration is None or model is None:
+            continue
+        of_line = model.estimator, model.names, model.degree + 1
+        if (calibration.estimator, calibration.names, calibration.curve.basis.size) != of_line:
+            return False
+    return True
 
 
 def devices_of(campaign: Campaign, columns: ColumnMap, *, folders: bool) -> Devices:
@@ -172,7 +204,11 @@ def _worst(findings: Sequence[Finding]) -> Finding:
 def _kind(spec: ModelSpec) -> tuple[object, ...]:
     """A model but for its degrees over temperature."""
     of = lambda t: None if t is None else (t.estimator, t.parameters)
-    return of(spec.accel), of(spec.gyro), spec.together, spec.lever_arms, spec.misalignment
+    return of(spec.accel), of(spec.gyro), *_options(spec)
+
+
+def _options(spec: ModelSpec) -> tuple[bool, bool, bool]:
+    return spec.together, spec.lever_arms, spec.misalignment
 
 
 def _triad_model(
