@@ -17,9 +17,12 @@ from inertiax.calibrate.pipeline import calibrate_device
 from inertiax.cli.next_step import after_fleet
 from inertiax.cli.outputs import folder_names
 from inertiax.data.campaign import load_campaign
+from inertiax.data.formats import ColumnMap
 from inertiax.data.recording import Campaign
 from inertiax.fleet import run_fleet
+from inertiax.fleet.magnetometers import in_tables
 from inertiax.fleet.overview.view import triad_view
+from inertiax.fleet.reduce.tasks import Stretch, Task
 from inertiax.fleet.rows import _gaps
 from inertiax.fleet.store import read_manifest, read_parts
 from inertiax.fleet.verdicts import count_verdicts, device_findings, device_verdict
@@ -202,3 +205,29 @@ def test_what_calibrate_says_of_the_positions_of_one_device_the_fleet_says_too(t
     assert alone.verdict == "usable" == device_verdict(row, manifest)
     (said,) = row["warnings"]
     assert said in [f.text[0].lower() + f.text[1:] for f in alone.findings]
+
+
+def test_magnetometers_that_a_fleet_leaves_out_are_told(tmp_path, capsys, monkeypatch):
+    _write_hand_log(tmp_path / "line" / "A", FACES, mag=True)
+    status, told, err = run(capsys, monkeypatch, "fleet", tmp_path / "line", "-o", tmp_path / "run")
+    said = "Magnetometers are not calibrated by `fleet`"
+    assert status == 0 and said in told + err
+    assert said in re.sub(r"<[^>]+>", "", (tmp_path / "run" / "report.html").read_text("utf-8"))
+
+
+def test_magnetometers_alone_are_refused_as_what_they_are(tmp_path):
+    home = tmp_path / "line" / "A"
+    _write_hand_log(home, FACES, mag=True)
+    log = pl.read_csv(home / "log.csv").drop("accel_x", "accel_y", "accel_z", "position")
+    log.write_csv(home / "log.csv")
+    with pytest.raises(ValueError, match="magnetometers alone.*use 'inertiax calibrate'"):
+        run_fleet(tmp_path / "line", tmp_path / "run")
+
+
+def test_columns_of_magnetometers_in_tables_are_seen(tmp_path):
+    file = tmp_path / "a.parquet"
+    task = Task(0, (("A", (Stretch(str(file), 0, 1),)),))
+    campaign = _write_hand_log(tmp_path / "A", FACES)
+    for names in (("mag_x", "mag_y", "mag_z"), ("x", "y", "z")):
+        pl.DataFrame({n: [0.0] for n in names}).write_parquet(file)
+        assert in_tables(campaign, [task], ColumnMap()) == (names[0] == "mag_x")

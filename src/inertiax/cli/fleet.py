@@ -179,6 +179,7 @@ def _tell(
     quiet: bool,
 ) -> None:
     from ..fleet import read_line_file
+    from ..fleet.magnetometers import LEFT_OUT
     from ..report.fleet import fit_sentence, odd_sentence
     from ..report.fleet_drift import drift_sentence
     from ..report.fleet_mismatch import too_few_to_explain
@@ -199,6 +200,8 @@ def _tell(
             console.say(f"  {count} × {reason}")
         if summary.calibrated:
             console.say(fit_sentence(dict(summary.fits), page.reserved))
+        if page.manifest.magnetometers:
+            console.say(LEFT_OUT)
         if unlike:
             more = ", …" if len(unlike) > 5 else ""
             console.say(f"unlike the others: {len(unlike)} ({', '.join(unlike[:5])}{more})")

@@ -13,6 +13,7 @@ from ..data.recording import Campaign, Rig
 from ..model_selection.select_model import asks_together
 from ..storage.ownership import owned
 from ..storage.whole_files import write_atomically
+from . import magnetometers
 from .copies import set_copies_aside
 from .input_hashes import changes_since, hashes_of, same_files, write_inputs
 from .model_choice import choose_line_model, first_dwells, Reader
@@ -216,6 +217,8 @@ def _settled(
     plain = asked == _Asked(None, explain=False, precision="float64")
     # Asked for, whatever it takes; what the data alone would choose so, a large run has in a form that is quick.
     one_by_one = plain and bool(asks_together(campaign.model))
+    by_table = lambda: magnetometers.in_tables(campaign, tasks, columns)
+    mag = magnetometers.in_campaigns(tasks) if campaigns else by_table()
     trial = [] if one_by_one else first_dwells(campaign, tasks, reader)
     if one_by_one or (plain and exact and beyond_batches(campaign, trial)):
         one_by_one, tasks = True, apart(tasks)
@@ -230,6 +233,7 @@ def _settled(
         rig=_promised(campaign.rig), axes=campaign.rig.axes, outer_part=campaign.rig.outer_part,
         exact=exact or one_by_one, one_by_one=one_by_one,
         documented=True, own_words=one_by_one, latitude=campaign.site.latitude,
+        magnetometers=mag,
     )  # fmt: skip
     if asked.explain:
         forms = choose_line_forms(manifest, reader)

@@ -62,6 +62,7 @@ class Manifest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_def
     documented: bool = False
     # Rows of devices calibrated one by one hold what was chosen of each, and all its reservations.
     own_words: bool = False
+    magnetometers: bool = False  # were recorded, and are not calibrated here
     latitude: float | None = None  # rad, where the campaign states it
     kept: int = (
         0  # devices of the first task whose results are those of an earlier run over other files

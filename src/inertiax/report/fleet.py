@@ -10,6 +10,7 @@ import polars as pl
 from ..calibrate.fit_quality import TRIAD_NAMES
 from ..calibration.quantities import label, rms_text, with_sigma
 from ..fleet.effects.population_effects import LineMismatch
+from ..fleet.magnetometers import LEFT_OUT
 from ..fleet.overview.explain import read_line_file
 from ..fleet.overview.odd_recordings import odd_recordings, OddRecording
 from ..fleet.overview.recalibration import Drift, drift_between
@@ -185,6 +186,7 @@ def _verdict(page: FleetPage) -> Verdict:
             f"{subject} unlike the others. The calibration stands, but look before shipping."
         )
     lines += [fit_sentence(page.fits, page.reserved)] if total > aside else []
+    lines += [LEFT_OUT] if page.manifest.magnetometers else []
     lines += [odd_sentence(page.odd)] if page.odd else []
     for triad, drift in page.drifts.items():
         lines.append(drift_sentence(triad, drift))
