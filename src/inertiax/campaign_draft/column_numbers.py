@@ -8,16 +8,13 @@ from .split_stamps import EPOCH
 
 
 _MOST_LABELS = 32
-_FEWEST_VALUES = (
-    8  # of an output beside a constant: sensors so coarse that one of them stands still have fewer
-)
+# Values of an output beside a constant: sensors so coarse that one of them stands still have fewer.
+_FEWEST_VALUES = 8
 _SET_BACK = 0.02  # of the rows of a clock: a logger that started anew, or rows that were sent again
-_GOES_ON = 0.95  # of the rows of such a clock rise, which no output does for long ...
-_TURNS = (
-    360.0,
-    400.0,
-    2.0 * np.pi,
-)  # ... but an angle of a device that keeps turning, which begins anew, too
+# Of the rows of such a clock rise, which no output does for long but an angle of a device that keeps turning; that
+# begins anew after a turn.
+_GOES_ON = 0.95
+_TURNS = (360.0, 400.0, 2.0 * np.pi)
 _NEAR_A_TURN = 0.05
 _FEWEST_ROWS = 50
 _YEARS = (1990.0, 2100.0)

@@ -89,9 +89,8 @@ class Recording(Module):
         if num == 0:
             raise ValueError(f"{where}: no rows; at least one sample is needed.")
         if self.accel is None and self.gyro is None and self.mag is None:
-            raise ValueError(
-                f"{where}: neither accelerometer nor gyro columns; at least one triad is needed."
-            )
+            lacking = "neither accelerometer nor gyro columns; at least one triad is needed."
+            raise ValueError(f"{where}: {lacking}")
         for label in COLUMNS:
             values = getattr(self, label)
             if values is None:

@@ -28,9 +28,8 @@ class TextKinds:
         self._device, self._channels, self._as_text = device, channels, as_text
         self._read: Kinds = {}
         self._kept: Kinds = {}
-        self._large: set[str] = (
-            set()
-        )  # of which a piece held whole numbers that no float gives back
+        # Columns of which a piece held whole numbers that no float gives back.
+        self._large: set[str] = set()
         self._decimals: dict[str, int | None] = {}  # that all numbers of a column have
 
     def see(self, table: pl.DataFrame) -> None:

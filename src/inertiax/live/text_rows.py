@@ -30,9 +30,8 @@ class Chunk:
     rows: Recording  # its `time` counts rows; the stamps are in `time`
     time: Float[np.ndarray, " time"]  # s, as stamped
     garbled: list[bytes]
-    skipped: list[
-        bytes
-    ]  # rows that the campaign leaves out at the start, and those without a value of a triad
+    # Rows that the campaign leaves out at the start, and those without a value of a triad.
+    skipped: list[bytes]
 
 
 class TextRows:
@@ -141,9 +140,8 @@ class TextRows:
         data = b"".join(line + b"\n" for line in lines)
         table = parse_rows(data, layout, self._names, self._name)
         columns = msgspec.structs.replace(self._columns, time=TimeColumn(rate=1.0))
-        table, kept, _, _ = kept_rows(
-            table, columns, _ALL_ROWS
-        )  # equal stamps are told by `follow`
+        # Rows are counted here: equal stamps are told by `follow`.
+        table, kept, _, _ = kept_rows(table, columns, _ALL_ROWS)
         said = self._columns.time
         rate = said.rate if isinstance(said, TimeColumn) else None
         time = stamps_of(table, self._columns, self._name)
