@@ -3,9 +3,9 @@
     python benchmarks/left_out_calibrations.py CASES [CASES ...] -o OUT [--part 1/2] [--budget 3000]
 
 Every fifth stretch of each campaign is taken out: a dwell where positions are labelled, else a twenty-fifth of the
-time. Both commands get the rest. Both calibrations compensate the whole recording, and what is left in the stretches
-taken out is compared here in NumPy: |a| against g or against the reference, rates against the reference, or their means
-at rest.
+time. With `--turns 5` each fifth is left out in its turn, so that every stretch is judged once. Both commands get the
+rest. Both calibrations compensate the whole recording, and what is left in the stretches taken out is compared here in
+NumPy: |a| against g or against the reference, rates against the reference, or their means at rest.
 `OUT` holds one JSON a campaign, and a run goes on where it stopped. Ratios are of rms, diagnose over calibrate; z is
 the sum of the squares' differences over the root of the sum of their squares: below 2, the stretches do not tell the
 two apart.
@@ -94,44 +94,65 @@ def seconds(recording: Recording, rows: np.ndarray) -> list[np.ndarray]:
     return [p for p in pieces if len(p) > 5 and calm(p)]
 
 
-def judge(folder: Path) -> dict:
-    """Both commands on four fifths of a campaign."""
+def judge(folder: Path, turns: int) -> dict:
+    """Both commands on four fifths of a campaign; each fifth is left out in its turn, up to `turns` of them."""
     campaign = load_campaign(folder)
-    shown, out = [], []
-    for recording in campaign.recordings:
-        away = stretches(recording) % EVERY == EVERY - 1
-        out.append(away)
-        shown.append(taken(recording, ~away))
-    part: Campaign = replace(campaign, recordings=tuple(shown))
-    try:
-        plain = calibrate_device(part).calibration
-        diagnosis, written = diagnose_campaign(part)
-    except ValueError as error:
-        return {"verdict": "error", "why": str(error)[:300]}
-    said = {"verdict": diagnosis.verdict, "named": [e.name for e in diagnosis.effects]}
-    names = lambda c: {n for t in c.triads for n in t.names}
-    said["lost"] = sorted(names(plain) - names(written))
-    disclosed = {e.name for e in diagnosis.effects}
-    before = {e.name for e in plain.effects}
-    said["undisclosed"] = sorted({e.name for e in written.effects} - disclosed - before)
+    found, said = [], {"verdict": "error", "named": [], "lost": [], "undisclosed": [], "refused": 0}
+    for turn in range(turns):
+        try:
+            found.append(one_turn(campaign, EVERY - 1 - turn, said))
+        except ValueError as error:
+            said["refused"] += 1
+            said["why"] = str(error)[:300]
     for triad in ("accel", "gyro"):
-        sums = []
-        for calibration in (plain, written):
-            every = [
-                errors(calibration, r, o, campaign.site.gravity).get(triad, np.zeros(0))
-                for r, o in zip(campaign.recordings, out, strict=True)
-            ]
-            sums.append(np.concatenate(every))
-        if len(sums[0]):
-            rms = [float(np.sqrt(np.mean(s**2))) for s in sums]
-            more = sums[1] ** 2 - sums[0] ** 2
-            said[triad] = {
-                "calibrate": rms[0],
-                "diagnose": rms[1],
-                "ratio": rms[1] / rms[0],
-                "z": float(more.sum() / max(np.sqrt(more @ more), 1e-300)),
-            }
+        pairs = [f[triad] for f in found if triad in f]
+        if pairs:
+            plain, written = (np.concatenate(errors) for errors in zip(*pairs, strict=True))
+            said[triad] = compared(plain, written)
+            said[triad]["turns"] = [compared(*pair)["ratio"] for pair in pairs]
     return said
+
+
+def one_turn(
+    campaign: Campaign, which: int, said: dict
+) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    """Errors of both calibrations in the stretches left out; what the diagnosis says is added to `said`."""
+    out = [stretches(r) % EVERY == which for r in campaign.recordings]
+    shown = tuple(taken(r, ~o) for r, o in zip(campaign.recordings, out, strict=True))
+    part: Campaign = replace(campaign, recordings=shown)
+    plain = calibrate_device(part).calibration
+    diagnosis, written = diagnose_campaign(part)
+    if said["verdict"] != "missing-physics":
+        said["verdict"] = diagnosis.verdict
+    disclosed = {e.name for e in diagnosis.effects}
+    names = lambda c: {n for t in c.triads for n in t.names}
+    before = {e.name for e in plain.effects}
+    said["named"] = sorted({*said["named"], *disclosed})
+    said["lost"] = sorted({*said["lost"], *(names(plain) - names(written))})
+    hidden = {e.name for e in written.effects} - disclosed - before
+    said["undisclosed"] = sorted({*said["undisclosed"], *hidden})
+    found = {}
+    for triad in ("accel", "gyro"):
+        pair = [
+            np.concatenate(
+                [
+                    errors(c, r, o, campaign.site.gravity).get(triad, np.zeros(0))
+                    for r, o in zip(campaign.recordings, out, strict=True)
+                ]
+            )
+            for c in (plain, written)
+        ]
+        if len(pair[0]):
+            found[triad] = (pair[0], pair[1])
+    return found
+
+
+def compared(plain: np.ndarray, written: np.ndarray) -> dict:
+    """Both rms, their ratio, and by how many standard deviations the squares differ."""
+    rms = [float(np.sqrt(np.mean(e**2))) for e in (plain, written)]
+    more = written**2 - plain**2
+    z = float(more.sum() / max(np.sqrt(more @ more), 1e-300))
+    return {"calibrate": rms[0], "diagnose": rms[1], "ratio": rms[1] / rms[0], "z": z}
 
 
 def tell(results: dict[str, dict]) -> None:
@@ -168,6 +189,13 @@ def main() -> None:
     parser.add_argument(
         "--budget", type=float, default=float("inf"), help="s, no campaign after it"
     )
+    parser.add_argument(
+        "--turns",
+        type=int,
+        default=1,
+        choices=range(1, EVERY + 1),
+        help="fifths left out, one by one",
+    )
     given = parser.parse_args()
     jax.config.update("jax_enable_x64", True)
     given.output.mkdir(parents=True, exist_ok=True)
@@ -179,7 +207,7 @@ def main() -> None:
             if time.perf_counter() - start > given.budget:
                 print("stopped for the budget; run again to go on", file=sys.stderr)
                 break
-            path.write_text(json.dumps(judge(folder)))
+            path.write_text(json.dumps(judge(folder, given.turns)))
     tell({p.stem: json.loads(p.read_text()) for p in sorted(given.output.glob("*.json"))})
 
 
