@@ -14,6 +14,8 @@ import pytest
 
 import inertiax.navigation as navigation
 from inertiax.calibration.calibration import Calibration, TriadCalibration
+from inertiax.navigation.filter import Correction
+from inertiax.navigation.segment import Transition
 from inertiax.physics.temperature import Constant, Curve, Polynomial
 
 
@@ -132,6 +134,36 @@ def test_a_constant_temperature_hides_slopes_and_a_changing_one_shows_them():
     assert set(cold.parameters) == {*ACCEL, *GYRO}
     ramp = _seen(filter_, *_felt(), 50.0 * TIME / TIME[-1])
     assert ramp.unobservable == ()
+
+
+def _felt_beside_a_velocity(slopes):
+    """A track in which each measurement is v + s c of a velocity v and one coefficient c, of variance one; 32 bits."""
+    triad = TriadCalibration(Curve(Constant(), np.zeros((1, 1))), np.eye(1), ACCEL[:1], "static")
+    filter_ = navigation.Filter(Calibration(9.81, triad), "*", noise=NOISE, frame=FRAME)
+    start = filter_.start(
+        np.eye(3), np.zeros(3), np.zeros(3), attitude_sigma=1.0, velocity_sigma=1.0, position_sigma=1.0
+    )  # fmt: skip
+    zero, steady = jnp.zeros, jnp.eye(9)
+
+    def one(slope):
+        row = zero((1, 10)).at[0, 3].set(1.0).at[0, 9].set(slope)
+        applied = Correction(
+            zero((10, 1)), row, zero(1), zero((1, 1)), steady, jnp.ones(1), zero(()), jnp.array(True)
+        )  # fmt: skip
+        moved = Transition(steady, zero((9, 1)), zero(0), zero((9, 9)))
+        return zero(()), start.estimate, zero((10, 10)), moved, (applied,)
+
+    time, *others = jax.vmap(one)(slopes.astype(np.float32))
+    return filter_, navigation.Track(start, time, *others, jnp.zeros(()), start)
+
+
+def test_in_32_bits_a_run_shows_what_it_shows_in_64():
+    # Beside v of prior variance 1 the information is Σs² − (Σs)²/(n + 1), of which 32 bits leave no digit but the first.
+    slopes = np.tile([1000.0, 1001.0], 5000)
+    want = np.sum(slopes**2) - np.sum(slopes) ** 2 / (len(slopes) + 1)
+    with jax.enable_x64(False):
+        found = navigation.observability(*_felt_beside_a_velocity(slopes))
+    assert found.information[0] == pytest.approx(want, rel=1e-6)
 
 
 def test_states_that_are_known_exactly_are_not_shown_by_a_run():

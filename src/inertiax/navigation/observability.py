@@ -27,6 +27,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from ..numerics.wide_arithmetic import in_64_bits
 from ..physics.leaves import is_traced
 from .checks import check_one_run
 from .filter import Correction, Filter, Track
@@ -93,7 +94,8 @@ def observability(
     count, thresholds = len(states.names), thresholds or Thresholds()
     if not count:
         raise ValueError("`observability(filter_, track)`: the filter has no calibration states.")
-    gramian = np.asarray(_gramian(track.transition, track.corrections), float)
+    # Rounding of large terms that cancel: in 32 bits it hides what a run shows.
+    gramian = np.asarray(in_64_bits("observability", _gramian, track.transition, track.corrections))
     prior = np.asarray(track.start.covariance, float)[:NAVIGATION, :NAVIGATION]
     unit, shown = _prior_directions(np.asarray(states.correlation, float))
     whole = unit.T @ _eliminated(gramian, prior) @ unit
