@@ -158,7 +158,7 @@ def _felt_beside_a_velocity(slopes):
 
 
 def test_in_32_bits_a_run_shows_what_it_shows_in_64():
-    # Beside v of prior variance 1 the information is Σs² − (Σs)²/(n + 1), of which 32 bits leave no digit but the first.
+    # Beside v of prior variance 1 the information is Σs² − (Σs)²/(n + 1), of which 32 bits leave one digit.
     slopes = np.tile([1000.0, 1001.0], 5000)
     want = np.sum(slopes**2) - np.sum(slopes) ** 2 / (len(slopes) + 1)
     with jax.enable_x64(False):

@@ -97,6 +97,17 @@ def test_a_calibration_itself_can_be_compiled():
     np.testing.assert_allclose(rate, want[1], rtol=1e-11, atol=1e-14)
 
 
+@pytest.mark.parametrize("basis", [Polynomial(1, -40.0, 70.0), CubicSpline((-40.0, 0.0, 70.0))])
+def test_what_decides_the_meaning_of_coefficients_has_no_slope(basis):
+    names = ("gyro.bias[0]", "gyro.g_sensitivity[0,1]")
+    curve = Curve(basis, np.full((basis.size, 2), 1e-2))
+    one = Calibration(9.81, gyro=TriadCalibration(curve, np.eye(2 * basis.size), names, "static"))
+    slope = jax.grad(lambda c: c(*SAMPLE)[1].sum())(jax.tree.map(jnp.asarray, one))
+    assert not np.any(slope.gravity)
+    assert not any(np.any(x) for x in jax.tree.leaves(slope.gyro.curve.basis))
+    assert np.all(slope.gyro.curve.coefficients != 0.0)
+
+
 def test_labels_go_with_tree_map_and_never_to_another_device():
     one, two = device(1), device(2)
     assert jax.tree.structure(one) == jax.tree.structure(two)

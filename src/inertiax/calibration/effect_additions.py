@@ -8,7 +8,7 @@ from jaxtyping import Float
 from .._jax import Array, jnp
 from .._typing import AnyArray, Scalar
 from ..effects import Moment, Online
-from ..physics.temperature import Polynomial
+from ..physics.temperature import held, Polynomial
 from .fitted_effects import FittedEffect, known_effect
 from .triad import TriadCalibration
 
@@ -97,7 +97,8 @@ def moment_of(
     **circumstances: Any,
 ) -> Moment:
     """One sample (m/s², rad/s, °C) as an effect sees it; `circumstances` are fields of `Moment`."""
-    in_g = force / jnp.asarray(calibration.gravity, force.dtype)
+    real = lambda x: held(x, force.dtype)
+    in_g = force / real(calibration.gravity)
     number = 0 if fitted.triad == "accel" else 1
     outputs = lambda t: calibration.distort_by_parameters(force, rate, t)[number]
     default: Mapping[str, Any] = {
@@ -106,7 +107,6 @@ def moment_of(
         "first": jnp.asarray(True),
         "at_rest": jnp.asarray(False),
     }
-    real = lambda x: jnp.asarray(x, force.dtype)
     degree, low, high = _scale(calibration, fitted)
     coldest, warmest = (low, high) if fitted.temperature is None else fitted.temperature
     start, end = (0.0, 0.0) if fitted.clock is None else fitted.clock
@@ -115,7 +115,7 @@ def moment_of(
         input=in_g if fitted.triad == "accel" else rate,
         force=in_g,
         rate=rate,
-        temperature=real(temperature),
+        temperature=jnp.asarray(temperature, force.dtype),
         at_temperature=outputs,
         axes=_axes(calibration, fitted, temperature),
         degree=degree,

@@ -27,6 +27,7 @@ from ..physics.error_model import (
 )
 from ..physics.leaves import as_array, as_leaf, is_traced
 from ..physics.shapes import check_covariance, check_given, check_key, check_one
+from ..physics.temperature import held
 from . import coefficients, drawn, representation
 from .barometer import BarometerCalibration
 from .coefficients import Block
@@ -149,9 +150,7 @@ class Calibration:
         self, accel: Array, gyro: Array, temperature: Scalar | float
     ) -> tuple[Float[Array, "3"], Float[Array, "3"]]:
         force = compensate_accel(self.accel_errors(temperature), accel)
-        rate = compensate_gyro(
-            self.gyro_errors(temperature), gyro, force, jnp.asarray(self.gravity)
-        )
+        rate = compensate_gyro(self.gyro_errors(temperature), gyro, force, held(self.gravity))
         return force, rate
 
     def distort(
@@ -176,7 +175,7 @@ class Calibration:
     ) -> tuple[Float[Array, "3"], Float[Array, "3"]]:
         """Equation (1) without the named effects."""
         accel = distort_accel(self.accel_errors(temperature), force)
-        gravity = jnp.asarray(self.gravity)
+        gravity = held(self.gravity)
         return accel, distort_gyro(self.gyro_errors(temperature), rate, force, gravity)
 
     def _checked(

@@ -10,6 +10,7 @@ polynomial of degree 6 well conditioned; powers of T appear only on export.
 """
 
 import abc
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -64,6 +65,11 @@ def _one(temperature: Scalar | float) -> Float[Array, ""]:
             f"use `jax.vmap(basis)` or `jax.vmap(curve)` for many."
         )
     return t if jnp.issubdtype(t.dtype, jnp.floating) else t.astype(jnp.result_type(float))
+
+
+def held(value: AnyArray | float, dtype: Any = None) -> Array:
+    """As an array that has no slope, so that an optimiser of a whole calibration does not move it."""
+    return jax.lax.stop_gradient(jnp.asarray(value, dtype))
 
 
 class Constant(AbstractBasis):
@@ -139,7 +145,7 @@ class Polynomial(AbstractBasis):
 
     def __call__(self, temperature: Scalar | float) -> Float[Array, " size"]:
         t = _one(temperature)
-        low, high = jnp.asarray(self.low, t.dtype), jnp.asarray(self.high, t.dtype)
+        low, high = held(self.low, t.dtype), held(self.high, t.dtype)
         x = (2.0 * t - (low + high)) / (high - low)
         # Ones that depend on x, so that under `vmap` they lie on the same accelerators as the others.
         values = [((x < 0.0) | ~(x < 0.0)).astype(x.dtype), x]
@@ -198,8 +204,8 @@ class CubicSpline(AbstractBasis):
 
     def __call__(self, temperature: Scalar | float) -> Float[Array, " size"]:
         t = _one(temperature)
-        knots = jnp.asarray(self.knots, t.dtype)
-        second = jnp.asarray(_natural_spline_curvature(self.knots), t.dtype)
+        knots = held(self.knots, t.dtype)
+        second = held(_natural_spline_curvature(self.knots), t.dtype)
         inside = jnp.clip(t, knots[0], knots[-1])
         i = jnp.clip(jnp.searchsorted(knots, inside, side="right") - 1, 0, self.size - 2)
         h = jnp.diff(knots)[i]
