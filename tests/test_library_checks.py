@@ -26,6 +26,9 @@ still = ix.Recording(np.arange(500) * 0.01, np.tile([0.0, 0.0, 9.81], (500, 1)),
 frame = {"time": t, **{f"gyro_{k}": np.full(10, 0.5) for k in "xyz"}}
 rests = w * np.where(np.arange(24) < 18, 7e-5, 1.0)[:, None]  # most rows see the Earth alone
 mostly = rests + 2e-3  # biased by 30 times as much
+hidden = np.ma.masked_array(a, mask=np.zeros(a.shape, bool))
+hidden[0, 3] = np.ma.masked
+one = (t, t, t, t, np.arange(10), np.arange(10))
 names = ("accel.bias[0]", "accel.bias[1]", "accel.bias[2]")
 triad = ix.TriadCalibration(ix.Curve(ix.Constant(), np.zeros((1, 3))), np.eye(3), names, "static")
 c = ix.Calibration(gravity=9.81, accel=triad)
@@ -54,6 +57,10 @@ CASES = [
     ("D(a / 9.81)", "(accel=...)`: median magnitude"),
     ("D(a * 1000)", "(accel=...)`: median magnitude"),
     ("D([['a', 'b', 'c']])", "(accel=...)`: must be an array of real numbers"),
+    ("D(hidden)", "(accel=...)`: holds masked elements; leave their rows out, or fill them"),
+    ("ix.Dwells(*one, valid=t == t, accel=hidden[0, :10])", "`Dwells(accel=...)`: holds masked elements"),
+    ("R(t, hidden[0, :10])", "`Recording.from_arrays(accel=...)`: holds masked elements"),
+    ("R(t[:0], x[:0])", "`Recording.from_arrays`: no rows; at least one sample is needed"),
     ("D(np.where(u > 2, np.nan, a))", "(accel=...)`: not a finite number at dwell"),
     ("D(gyro=w * 5730)", "(gyro=...)`: median magnitude"),
     ("D(gyro=w * 57.3, reference_gyro=w)", "(gyro=...)`: 57.3 times its counterpart"),
@@ -277,6 +284,7 @@ ACCEPTED = [
     "D(100 * a, reference_accel=100 * a)",  # a centrifuge
     "D(np.where(np.arange(24)[:, None] > 2, a, 0.0), sigma=1e-3 * (np.arange(24) > 2), valid=np.arange(24) > 2)",
     "c(v, v, 20.0)",  # free fall
+    "D(np.ma.masked_array(a, mask=False))",  # nothing is masked
     "run(nav.Position(np.where(np.eye(5, 3), np.nan, 0.0), np.ones((5, 1)), np.arange(5) > 2))",
     "ix.reduce_to_dwells(still)",  # without a list
     "ix.Recording.from_frame({**frame, 'time': 1e2 * t})",  # a table's means, one a second

@@ -13,7 +13,7 @@ from jaxtyping import Float, Int
 
 from .._records import field, Module
 from .._typing import Given
-from ..physics.leaves import as_plain, is_traced
+from ..physics.leaves import as_plain, is_traced, real_numbers
 from .frames import columns_of, Names, TRIADS
 from .plausible_units import (
     check_earth_field,
@@ -229,16 +229,15 @@ def _samples(call: str, name: str, values: Any) -> np.ndarray:
     """An array of the column's kind and number of axes."""
     if is_traced(values):
         raise ValueError(f"`{call}({name}=...)`: a recording is of the host, not of traced code.")
-    try:
-        array = np.asarray(values, float)
-    except (TypeError, ValueError):
-        raise ValueError(f"`{call}({name}=...)`: must be an array of real numbers.") from None
+    array = real_numbers(f"{call}({name}=...)", values)
     array = _probes(array) if name == "temperature" else array
     _check_shape(f"`{call}({name}=...)`:", name, array)
     return whole_numbers(f"{call}({name}=...)", array) if name in WHOLE else array
 
 
 def _check_units(call: str, made: dict[str, Any]) -> None:
+    if not len(made["time"]):
+        raise ValueError(f"`{call}`: no rows; at least one sample is needed.")
     check_steps(call, made["time"], made.get("gyro"))
     for name, values in made.items():
         every = np.isfinite(values).reshape(len(values), -1).all(axis=1)

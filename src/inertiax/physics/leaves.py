@@ -16,6 +16,24 @@ def as_array(value: Any) -> Any:
     return value if hasattr(value, "dtype") else np.asarray(value, float)
 
 
+def real_numbers(argument: str, values: Any) -> np.ndarray:
+    """Given numbers as an array of 64 bits. Raises `ValueError` for what holds others, and for masked elements."""
+    refuse_masked(argument, values)
+    try:
+        return np.asarray(values, float)
+    except (TypeError, ValueError):
+        raise ValueError(f"`{argument}`: must be an array of real numbers.") from None
+
+
+def refuse_masked(argument: str, values: Any) -> None:
+    """Raise `ValueError` for masked elements: an array of NumPy or JAX would hold what is behind the mask."""
+    if np.ma.is_masked(values):
+        raise ValueError(
+            f"`{argument}`: holds masked elements; leave their rows out, or fill them by `.filled(np.nan)` and, of "
+            f"dwells, give `valid=~mask.any(axis=-1)`."
+        )
+
+
 def is_traced(value: Any) -> bool:
     """Whether a value is not known, because a program is being made."""
     jax = sys.modules.get("jax")  # where it is not loaded, there is nothing that it traces

@@ -13,7 +13,7 @@ from ..data.plausible_units import (
     check_rest_force,
     check_temperature,
 )
-from ..physics.leaves import is_traced
+from ..physics.leaves import is_traced, real_numbers
 from ..physics.shapes import check_covariance
 
 
@@ -36,12 +36,7 @@ def triad(name: str, values: Any) -> Any:
 
 def numbers(name: str, values: Any) -> Any:
     """Real numbers as an array, traced ones as they are."""
-    if is_traced(values):
-        return values
-    try:
-        return np.asarray(values, float)
-    except (TypeError, ValueError):
-        raise ValueError(f"`{CALL}({name}=...)`: must be an array of real numbers.") from None
+    return values if is_traced(values) else real_numbers(f"{CALL}({name}=...)", values)
 
 
 def column(name: str, values: Any, shape: tuple[int, ...], default: Any) -> Any:

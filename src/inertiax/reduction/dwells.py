@@ -13,6 +13,7 @@ from jaxtyping import Bool, Float, Int
 from .._jax import eqx, jax, jnp
 from .._typing import AnyArray, Given
 from ..data.recording import Recording
+from ..physics.leaves import refuse_masked
 from . import arrays
 from .motions import Motions
 
@@ -77,6 +78,7 @@ class Dwells(eqx.Module):
             value = getattr(self, field.name)
             if value is None or field.name == "motion":
                 continue
+            refuse_masked(f"Dwells({field.name}=...)", value)
             inner = _INNER.get(field.name, ())
             if field.name in ("table_accel", "table_gyro"):
                 inner = (3, *jnp.shape(value)[-1:])
