@@ -16,7 +16,7 @@ from inertiax.calibration.calibration import (
     TriadCalibration,
     write_calibration,
 )
-from inertiax.calibration.fitted_effects import FittedEffect
+from inertiax.calibration.fitted_effects import FittedEffect, known_effect
 from inertiax.calibration.stacking import stack, unstack
 from inertiax.physics.temperature import Constant, CubicSpline, Curve, Polynomial
 
@@ -50,9 +50,10 @@ def device(seed, *, effects=(), joint=True):
 
 
 def effect(name, settings=(), coefficients=(1e-3,), triad="accel", **extent):
-    n = len(coefficients)
+    unit = known_effect(name, "").unit(triad, dict(settings))
+    covariance = 1e-8 * np.eye(len(coefficients))
     return FittedEffect(
-        name, triad, (1,), tuple(settings), np.array(coefficients), 1e-8 * np.eye(n), "1", **extent
+        name, triad, (1,), settings, np.array(coefficients), covariance, unit, **extent
     )
 
 
@@ -229,9 +230,15 @@ def test_effects_of_a_sample_take_part_both_ways():
     np.testing.assert_allclose(back[1][1], rate, rtol=1e-10)
 
 
-@pytest.mark.parametrize("name", ["thermal_lag", "warm_up", "supply"])
-def test_an_effect_with_memory_is_an_error_that_says_so(name):
-    settings = {"supply": (("nominal", 5.0),)}.get(name, (("time_constant", 100.0),))
+@pytest.mark.parametrize(
+    "name, settings",
+    [
+        ("thermal_lag", (("time_constant", 100.0),)),
+        ("warm_up", (("start", "each"), ("time_constant", 100.0))),
+        ("supply", (("nominal", 5.0),)),
+    ],
+)
+def test_an_effect_with_memory_is_an_error_that_says_so(name, settings):
     calibration = device(1, effects=(effect(name, settings),))
     with pytest.raises(ValueError, match=f"'{name}' on accel_y depends on more than one sample"):
         jax.vmap(calibration)(*_twice(SAMPLE))

@@ -39,7 +39,11 @@ def test_an_effect_is_a_result_in_the_reports_unit():
     terms = [e.term.split(": ")[1] for e in protocol(effects=(many,)).effects]
     assert terms == ["r along x", "r along y", "r along z"]
     axes = effect(
-        "g_sensitivity", settings=(("axes", "xz"),), coefficients=np.zeros(2), covariance=np.eye(2)
+        "g_sensitivity",
+        settings=(("axes", "xz"),),
+        coefficients=np.zeros(2),
+        covariance=np.eye(2),
+        unit="rad/s/g",
     )
     assert [e.term for e in protocol(effects=(axes,)).effects] == ["D f: x", "D f: z"]
 

@@ -9,7 +9,7 @@ from scipy.signal import freqz, lfilter
 
 from inertiax.allan import identify
 from inertiax.calibration.calibration import Calibration, TriadCalibration
-from inertiax.calibration.fitted_effects import FittedEffect
+from inertiax.calibration.fitted_effects import FittedEffect, known_effect
 from inertiax.effects import CATALOGUE, Signal
 from inertiax.navigation.sensor_noise import RATIO, SensorNoise, TriadNoise
 from inertiax.navigation.twin import Twin
@@ -44,7 +44,7 @@ def _calibration():
     effects = tuple(
         FittedEffect(
             name, triad_name, (channel,), tuple(settings.items()), np.array([c]), np.zeros((1, 1)),
-            "1", clock=(0.0, TIME[-1]), temperature=(0.0, 40.0),
+            known_effect(name, "").unit(triad_name, settings), clock=(0.0, TIME[-1]), temperature=(0.0, 40.0),
         )
         for name, (triad_name, channel, settings, c) in EFFECTS.items()
     )  # fmt: skip

@@ -11,13 +11,17 @@ def tables() -> str:
     what, seen, sizes = [], [], []
     for effect in CATALOGUE:
         name = f"`{effect.name}`"
-        what.append((name, effect.title, _whose(effect), f"`{effect.equation}`"))
+        settings = ", ".join(f"`{k}`" if v else f"(`{k}`)" for k, v in effect.settings.items())
+        what.append((name, effect.title, _whose(effect), f"`{effect.equation}`", settings))
         seen.append((name, effect.needs, effect.separating))
         for triad in effect.triads:
             usual = [_range(effect.prior.get(triad, {}).get(g)) for g in GRADES]
             sizes.append((name, triad, effect.units[triad], *usual))
     parts = [
-        table(("name", "standards' term", "of", "adds to the outputs"), what),
+        table(
+            ("name", "standards' term", "of", "adds to the outputs", "settings (may be left out)"),
+            what,
+        ),
         "## What shows an effect",
         table(("name", "is seen with", "unlike its rivals when you"), seen),
         "## Usual sizes",

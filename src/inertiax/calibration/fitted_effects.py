@@ -1,7 +1,7 @@
 """Named effects beside a calibration's own parameters: what is stored of each, and its JSON form."""
 
-import inspect
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -18,9 +18,12 @@ class FittedEffect(Module):
     """One effect of the catalogue with its fitted coefficients.
 
     It adds $\\sum_q c_q S_{iq}$ to the outputs of each of its channels i, with S the effect's `shape` under
-    these settings. Where a shape is scaled by the recordings it is fitted on, their extent is kept.
+    these settings. Where a shape is scaled by the recordings it is fitted on, their extent is kept. Settings and
+    unit of each effect stand in the reference of effects, and as `settings` and `unit` of the members of
+    `effects.CATALOGUE`.
 
-    Raises `ValueError` for another triad, channels that are none, and sizes that do not fit each other.
+    Raises `ValueError` for another triad, channels that are none, sizes that do not fit each other, and settings and a
+    unit that are not the effect's. A name that the catalogue lacks is one of a user's own catalogue.
     """
 
     name: str = field(static=True)  # of the catalogue
@@ -55,6 +58,10 @@ class FittedEffect(Module):
                 f"`FittedEffect(covariance=...)`: shape {np.shape(self.covariance)} beside coefficients of shape "
                 f"{np.shape(self.coefficients)}; n coefficients have (n, n)."
             )
+        for effect in CATALOGUE:  # one of a user's own catalogue is in none of these
+            if effect.name == self.name:
+                where = f"`FittedEffect({self.name!r}, ...)`"
+                _check_form(effect, self.triad, dict(self.settings), self.unit, where)
 
     @property
     def plain_settings(self) -> dict[str, float | int | str]:
@@ -120,18 +127,7 @@ def from_entry(
     where = f"{where}: effect {entry.name!r}"
     effect = known_effect(entry.name, where, catalogue)
     triad, channels = _channels(entry.channels, where)
-    if triad not in effect.triads:
-        raise ValueError(f"{where}: is one of {' and '.join(effect.triads)}, not of {triad}.")
-    known = list(inspect.signature(effect.shape).parameters.values())[1:]
-    needed = {p.name for p in known if p.default is p.empty}
-    if not needed <= set(entry.settings) <= {p.name for p in known}:
-        raise ValueError(
-            f"{where}: settings are {sorted(entry.settings)} but must be {sorted(p.name for p in known)}."
-        )
-    unit = effect.unit(triad, entry.settings)
-    # Files written before forms had units of their own name that of the form on the bias; the numbers are the same.
-    if entry.unit not in (unit, effect.units[triad]):
-        raise ValueError(f"{where}: unit is {entry.unit!r}; it must be {unit!r}.")
+    unit = _check_form(effect, triad, entry.settings, entry.unit, where)
     count = len(entry.coefficients)
     if (
         count == 0
@@ -147,6 +143,22 @@ def from_entry(
         np.asarray(entry.coefficients, float), np.asarray(entry.covariance, float), unit,
         extent.clock, extent.temperature, extent.greatest_input, extent.degree, extent.scale,
     )  # fmt: skip
+
+
+def _check_form(
+    effect: Effect, triad: str, settings: Mapping[str, Any], unit: str, where: str
+) -> str:
+    """The unit of an effect's form. Raises `ValueError` for another triad, other settings and another unit."""
+    if triad not in effect.triads:
+        raise ValueError(f"{where}: is one of {' and '.join(effect.triads)}, not of {triad}.")
+    known = effect.settings
+    if not {k for k, needed in known.items() if needed} <= set(settings) <= set(known):
+        raise ValueError(f"{where}: settings are {sorted(settings)} but must be {sorted(known)}.")
+    right = effect.unit(triad, settings)
+    # Files written before forms had units of their own name that of the form on the bias; the numbers are the same.
+    if unit not in (right, effect.units[triad]):
+        raise ValueError(f"{where}: unit is {unit!r}; it must be {right!r}.")
+    return right
 
 
 def known_effect(name: str, where: str, catalogue: Sequence[Effect] = CATALOGUE) -> Effect:

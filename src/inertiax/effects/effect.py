@@ -1,5 +1,6 @@
 """What a physical effect is: metadata and one function of a signal."""
 
+import inspect
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -110,6 +111,12 @@ class Effect(eqx.Module):
     def triads(self) -> tuple[str, ...]:
         """Triads that can have it."""
         return tuple(self.units)
+
+    @property
+    def settings(self) -> Mapping[str, bool]:
+        """Names of what `shape` takes beside the signal, and whether each must be given."""
+        taken = list(inspect.signature(self.shape).parameters.values())[1:]
+        return {p.name: p.default is p.empty for p in taken}
 
     @property
     def sample_by_sample(self) -> Online | None:
