@@ -12,6 +12,7 @@ SETUP = """
 import warnings
 import numpy as np, jax, inertiax as ix
 from inertiax.calibrate.pipeline import calibrate
+from inertiax.calibration.magnetometers import MagnetometerCalibration
 from inertiax.estimators import GravityRotation
 from inertiax.navigation.strapdown import State, with_coefficients
 r = np.random.default_rng(0)
@@ -34,6 +35,9 @@ triad = ix.TriadCalibration(ix.Curve(ix.Constant(), np.zeros((1, 3))), np.eye(3)
 c = ix.Calibration(gravity=9.81, accel=triad)
 many = ix.stack([c, c])
 curve = ix.Curve(ix.Polynomial(1, 0.0, 40.0), np.zeros((2, 3)))
+field = ("mag.bias[0]", "mag.bias[1]", "mag.bias[2]")
+magnetic = MagnetometerCalibration(ix.TriadCalibration(curve, np.eye(6), field, "field"), 48e-6)
+mag = ix.Calibration(gravity=9.81, mag=magnetic).mag
 warm = ix.Calibration(gravity=9.81, accel=ix.TriadCalibration(curve, np.eye(6), names, "static"))
 v = np.zeros(3)
 nav, key = ix.navigation, jax.random.PRNGKey(0)
@@ -140,6 +144,9 @@ CASES = [
     ("warm.distort(v, v, 293.15)", "temperature is 293.15; it is in °C"),
     ("c(v, np.array([100.0, 20.0, 300.0]), 20.0)", "gyro has magnitude 316.86; it is in rad/s (deg/s?)"),
     ("c.distort(2e4 + v, v, 20.0)", "force has magnitude 34641; it is in m/s²"),
+    ("mag(v + 30.0, 20.0)", "mag(mag, temperature, current)`: mag has magnitude 51.9615; it is in T, about 5e-5 (uT?)"),
+    ("mag(v, 293.15, 0.0)", "temperature is 293.15; it is in °C"),
+    ("mag(v, 20.0, None)", "current is None; give A"),
     ("c(x, x, 20.0)", "accel has shape (10, 3), but one sample has (3,)"),
     ("c.distort(v, x, 20.0)", "rate has shape (10, 3)"),
     ("triad.curve(np.zeros(1))", "takes one temperature but got shape (1,)"),

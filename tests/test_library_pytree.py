@@ -17,6 +17,7 @@ from inertiax.calibration.calibration import (
     write_calibration,
 )
 from inertiax.calibration.fitted_effects import FittedEffect, known_effect
+from inertiax.calibration.magnetometers import MagnetometerCalibration
 from inertiax.calibration.stacking import stack, unstack
 from inertiax.physics.temperature import Constant, CubicSpline, Curve, Polynomial
 
@@ -117,6 +118,20 @@ def test_labels_go_with_tree_map_and_never_to_another_device():
     # The program was traced with the first device; its result is nobody's by name.
     assert halved(one).device == "" == halved(two).device
     assert halved(two).notes == ()
+
+
+def test_people_are_shown_magnetometers_and_a_table_without_triads_is_empty():
+    names = tuple(f"mag.bias[{i}]" for i in range(3))
+    iron = Curve(Constant(), np.array([[2e-5, 0.0, -1e-5]]))
+    mag = MagnetometerCalibration(TriadCalibration(iron, 1e-16 * np.eye(3), names, "field"), 48e-6)
+    both = device(1).changed(mag=mag)
+    assert repr(both).endswith("gyro=reference (3, 4), mag=field (1, 3))")
+    assert "mag   hard iron z              -10.000 ± 0.010      µT" in both.summary()
+    assert "hard iron z" in both._repr_html_()
+    table = both.to_frame([20.0])
+    assert table.rows()[-1] == (20.0, "mag.bias[2]", -1e-5, 1e-8, "T")
+    nothing = Calibration(9.81).to_frame()
+    assert nothing.is_empty() and nothing.schema == table.schema
 
 
 def test_stacked_devices_are_mapped_like_each_alone():

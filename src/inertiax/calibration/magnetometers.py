@@ -1,12 +1,14 @@
 """The magnetometers' part of a calibration: hard and soft iron over temperature, and the field they rest on."""
 
+import numpy as np
 from jaxtyping import Float
 
 from .._jax import Array, eqx
 from .._typing import Scalar, Vec3
+from ..data.plausible_units import check_sample
 from ..physics.leaves import as_leaf
 from ..physics.magnetic_model import compensate_mag, MagnetometerErrors
-from ..physics.shapes import check_one
+from ..physics.shapes import check_given, check_one
 from .triad import TriadCalibration
 
 
@@ -48,6 +50,10 @@ class MagnetometerCalibration(eqx.Module):
         self, mag: Vec3, temperature: Scalar | float, current: Scalar | float = 0.0
     ) -> Float[Array, "3"]:
         """The field m = (E + S)⁻¹ (m' − b − c I), T, of one sample of outputs m' (T) at one temperature (°C) beside a
-        current I (A); `vmap` it over samples. Raises `ValueError` for other shapes."""
-        check_one("mag(mag, temperature)", mag=mag)
+        current I (A); `vmap` it over samples. Raises `ValueError` for other shapes and implausible units."""
+        call = "calibration.mag(mag, temperature, current)"
+        check_given(call, temperature=temperature, current=current)
+        check_one(call, mag=mag)
+        looks = self.triad.curve.basis.size > 1
+        check_sample(call, temperature if looks else np.nan, field=("mag", mag))
         return compensate_mag(self.errors(temperature), mag, current)

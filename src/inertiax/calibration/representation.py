@@ -9,23 +9,19 @@ import polars as pl
 
 from ..data.plausible_units import check_temperature
 from ..physics.leaves import is_traced
+from .calibrated_triads import calibrated_triads, OfTriads
 from .fitted_effects import FittedEffect
 from .quantities import middle_temperature, quantities, Quantity, with_sigma
-from .triad import refuse_stacked, TriadCalibration, unit_of
+from .triad import refuse_stacked, unit_of
 
 
 @runtime_checkable
-class Shown(Protocol):
+class Shown(OfTriads, Protocol):
     """What of a `Calibration` is shown."""
 
     @property
     def device(self) -> str:
         """Serial number."""
-        ...
-
-    @property
-    def triads(self) -> tuple[TriadCalibration, ...]:
-        """Those that are calibrated."""
         ...
 
     @property
@@ -42,8 +38,7 @@ class Shown(Protocol):
 def line(calibration: Shown) -> str:
     """What it is, in one line."""
     parts = [f"device={calibration.device!r}"] if calibration.device else []
-    for triad in calibration.triads:
-        name = triad.names[0].partition(".")[0]
+    for name, triad in calibrated_triads(calibration).items():
         shape = tuple(np.shape(triad.curve.coefficients))
         parts.append(f"{name}={triad.estimator} {shape}")
     parts += [f"effects={[e.name for e in calibration.effects]}"] if calibration.effects else []
@@ -52,9 +47,10 @@ def line(calibration: Shown) -> str:
 
 def single(calibration: Shown, call: str) -> None:
     """Raise `ValueError` for stacked devices or traced values, which have no numbers to show."""
-    if any(is_traced(t.curve.coefficients) for t in calibration.triads):
+    triads = tuple(calibrated_triads(calibration).values())
+    if any(is_traced(t.curve.coefficients) for t in triads):
         raise ValueError(f"`calibration.{call}()`: its numbers are not known in traced code.")
-    refuse_stacked(calibration.triads, f"calibration.{call}()")
+    refuse_stacked(triads, f"calibration.{call}()")
 
 
 def summary(calibration: Shown) -> str:
@@ -78,7 +74,7 @@ def _title(calibration: Shown) -> str:
 
 def _all(calibration: Shown) -> list[Quantity]:
     at = middle_temperature(calibration)
-    return [q for triad in calibration.triads for q in quantities(triad, at)]
+    return [q for triad in calibrated_triads(calibration).values() for q in quantities(triad, at)]
 
 
 def _effect_lines(calibration: Shown) -> list[str]:
@@ -87,7 +83,7 @@ def _effect_lines(calibration: Shown) -> list[str]:
 
 def html(calibration: Shown) -> str:
     """`summary` as a table for a notebook; text from the calibration is escaped."""
-    if any(np.ndim(t.curve.coefficients) > 2 for t in calibration.triads):
+    if any(np.ndim(t.curve.coefficients) > 2 for t in calibrated_triads(calibration).values()):
         return f"<p>{escape(line(calibration))}</p>"
     cells = []
     for quantity in _all(calibration):
@@ -100,25 +96,25 @@ def html(calibration: Shown) -> str:
     return f"<table><caption>{caption}</caption><tr>{head}</tr>{''.join(cells)}</table>{effects}"
 
 
+COLUMNS = {
+    "temperature": pl.Float64,
+    "name": pl.String,
+    "value": pl.Float64,
+    "sigma": pl.Float64,
+    "unit": pl.String,
+}
+
+
 def frame(calibration: Shown, temperatures: Sequence[float] | np.ndarray | None) -> pl.DataFrame:
     """One row per parameter and temperature (°C; the middle of the range where `None`), in SI units."""
     single(calibration, "to_frame")
     asked = [middle_temperature(calibration)] if temperatures is None else temperatures
     grid = np.atleast_1d(np.asarray(asked, float))
     check_temperature("calibration.to_frame", grid, np.ones(len(grid), bool), name="temperatures")
-    parts = []
-    for triad in calibration.triads:
-        values, sigmas = triad.over(grid)
-        count = len(triad.names)
-        parts.append(
-            pl.DataFrame(
-                {
-                    "temperature": np.repeat(grid, count),
-                    "name": list(triad.names) * len(grid),
-                    "value": np.asarray(values, float).ravel(),
-                    "sigma": np.asarray(sigmas, float).ravel(),
-                    "unit": [unit_of(n) for n in triad.names] * len(grid),
-                }
-            )
-        )
-    return pl.concat(parts)
+    rows = [
+        (at, name, value, sigma, unit_of(name))
+        for triad in calibrated_triads(calibration).values()
+        for at, values, sigmas in zip(grid, *triad.over(grid))
+        for name, value, sigma in zip(triad.names, values, sigmas)
+    ]
+    return pl.DataFrame(rows, schema=COLUMNS, orient="row")

@@ -13,8 +13,6 @@ LEAST_FORCE, GREATEST_FORCE = (
     2000.0,
 )  # m/s², median magnitude: below is g, above mm/s² or counts
 GREATEST_RATE = 100.0  # rad/s, median magnitude: 5700 °/s, more than rate tables turn
-# Of one sample, which may be the peak of a shock or a spin: 1000 g, and 11 500 °/s.
-PEAK_FORCE, PEAK_RATE = 1e4, 200.0  # m/s², rad/s
 # m/s², median magnitude of rests without reference: 9.8 m/s² in mg, which no centrifuge without reference is.
 MILLI_G = (900.0, 1100.0)
 # m/s², median magnitude of a run: a device that mostly rests or flies level, in g.
@@ -34,6 +32,13 @@ LEAST_OF_LARGEST = 0.1  # of the largest reference, from which outputs tell a un
 LEAST_GRAVITY, GREATEST_GRAVITY = 1.5, 30.0
 # T, median magnitude: beyond, no magnetometer for the Earth's field goes, whatever iron is near.
 GREATEST_FIELD = 5e-3
+# Of one sample, which may be the peak of a shock or a spin: 1000 g, and 11 500 °/s.
+PEAK_FORCE, PEAK_RATE = 1e4, 200.0  # m/s², rad/s
+PEAKS = {
+    "force": (PEAK_FORCE, "m/s² (mm/s² or counts?)"),
+    "rate": (PEAK_RATE, "rad/s (deg/s?)"),
+    "field": (GREATEST_FIELD, "T, about 5e-5 (uT?)"),
+}
 LEAST_EARTH_FIELD, GREATEST_EARTH_FIELD = 20e-6, 70e-6  # T: 22 in South America, 67 near the poles
 
 
@@ -157,17 +162,14 @@ def check_run(call: str, accel: Any, gyro: Any, temperature: Any) -> None:
         check_temperature(call, np.asarray(temperature), np.isfinite(temperature))
 
 
-def check_sample(
-    call: str, temperature: Any, *, force: tuple[str, Any], rate: tuple[str, Any]
-) -> None:
-    """Raise `ValueError` for one sample that is none in m/s², rad/s and °C, each with its argument's name.
+def check_sample(call: str, temperature: Any, **quantities: tuple[str, Any]) -> None:
+    """Raise `ValueError` for one sample that is none in SI and °C: of `force`, `rate` and `field`, each with its
+    argument's name.
 
     One sample may fall, so that 1 m/s² is no sign of g. What is no number passes: it stands where nothing was read.
     """
-    for (name, vector), greatest, right in (
-        (force, PEAK_FORCE, "m/s² (mm/s² or counts?)"),
-        (rate, PEAK_RATE, "rad/s (deg/s?)"),
-    ):
+    for kind, (name, vector) in quantities.items():
+        greatest, right = PEAKS[kind]
         if not is_traced(vector) and (size := float(np.linalg.norm(vector))) > greatest:
             raise ValueError(f"`{call}`: {name} has magnitude {size:g}; it is in {right}.")
     if is_traced(temperature) or np.ndim(temperature) or not np.isfinite(temperature):

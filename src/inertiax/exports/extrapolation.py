@@ -8,6 +8,7 @@ the range; of constants, where with it the range would be wide enough that a mod
 import numpy as np
 from jaxtyping import Bool, Float
 
+from ..calibration.calibrated_triads import calibrated_triads
 from ..calibration.calibration import Calibration
 from ..model_selection.model_spec import LEAST_SPAN
 from ..physics.temperature import Constant
@@ -23,7 +24,7 @@ def margin(calibration: Calibration) -> float:
     if calibration.temperature_range is None:
         return 0.0
     low, high = map(float, calibration.temperature_range)
-    triads = [*calibration.triads, *(() if calibration.mag is None else (calibration.mag.triad,))]
+    triads = calibrated_triads(calibration).values()
     constant = all(isinstance(t.curve.basis, Constant) for t in triads)
     return max(SHARE * (high - low), LEAST_SPAN - (high - low) if constant else 0.0)
 

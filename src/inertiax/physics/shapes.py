@@ -19,11 +19,11 @@ def check_one(call: str, **vectors: Any) -> None:
 
 
 def check_given(call: str, **values: Any) -> None:
-    """Raise `ValueError` for a vector or temperature of one sample that is `None`."""
+    """Raise `ValueError` for a vector, temperature or current of one sample that is `None`."""
     for name, value in values.items():
         if value is None:
-            cure = "zeros for a triad that the device lacks"
-            cure = "°C" if name == "temperature" else cure
+            zeros = "zeros for a triad that the device lacks"
+            cure = {"temperature": "°C", "current": "A"}.get(name, zeros)
             raise ValueError(f"`{call}`: {name} is None; give {cure}.")
 
 

@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from ..calibrate.pipeline import TriadResult
+from ..calibration.calibrated_triads import calibrated_triads
 from ..calibration.calibration import Calibration, TriadCalibration
 from ..calibration.quantities import customary_units, family, SHOWN_AS
 from ..data.recording import Recording
@@ -69,12 +70,11 @@ def both_triads(calibration: Calibration) -> Figure:
     """Every parameter of a calibration, a panel per triad and family: over its temperature range with 95 % bands, or
     where a triad knows no temperature with 95 % intervals."""
     shown = []
-    for triad in calibration.triads:
+    for name, triad in calibrated_triads(calibration).items():
         constant = triad.curve.basis.size == 1
         own = (
             constant_panels(triad) if constant else curve_panels(triad, _range(calibration, triad))
         )
-        name = triad.names[0].partition(".")[0]
         shown += [panel._replace(title=f"{name}: {panel.title}") for panel in own]
     if not shown:
         raise ValueError("`calibration.plot()`: no triad is calibrated.")

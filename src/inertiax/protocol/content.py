@@ -3,12 +3,12 @@
 import math
 from collections.abc import Sequence
 
+from ..calibration.calibrated_triads import calibrated_triads
 from ..calibration.effect_units import in_words, Shown, shown_parameter
 from ..calibration.quantities import customary_units, label, with_sigma
 from ..exports.extrapolation import margin
 from ..report.judge import TRIAD_NAMES
 from ..report.page import Key, Section, Table, Verdict
-from .calibrated_triads import calibrated_triads
 from .effect_results import EffectResult
 from .expanded_uncertainty import COVERAGE
 from .guard_band import RISK

@@ -11,11 +11,11 @@ from contextlib import contextmanager
 from pathlib import Path
 from xml.etree import ElementTree
 
+from ..calibration.calibrated_triads import calibrated_triads
 from ..calibration.quantities import label
 from ..report.judge import TRIAD_NAMES
 from ..storage.harmless_text import one_line
 from ..storage.whole_files import write_atomically
-from .calibrated_triads import calibrated_triads
 from .effect_results import EffectResult
 from .expanded_uncertainty import COVERAGE
 from .protocol import DISCLAIMER, Protocol

@@ -3,13 +3,13 @@
 from pathlib import Path
 from typing import NamedTuple
 
+from ..calibration.calibrated_triads import calibrated_triads
 from ..physics.temperature import Constant
 from ..plots import calibration as plots
 from ..plots.protocol import against_limits, AgainstLimit
 from ..plots.style import drawing
 from ..report.judge import TRIAD_NAMES
 from ..report.page import Picture, picture
-from .calibrated_triads import calibrated_triads
 from .guard_band import allowance
 from .protocol import Protocol
 

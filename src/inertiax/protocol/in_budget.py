@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from typing import Literal, NamedTuple
 
 from ..calibrate.split_covariance import LEVEL, ORTHOGONALITY, POSITION, RATE
+from ..calibration.calibrated_triads import calibrated_triads
 from ..calibration.calibration import Calibration
-from .calibrated_triads import calibrated_triads
 from .record import Record
 from .results import Result
 from .sources_at import GRAVITY, PROBE

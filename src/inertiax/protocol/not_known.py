@@ -1,9 +1,9 @@
 """What a station cannot tell by its own measurements and nobody stated: named, so that no reader takes it for zero."""
 
+from ..calibration.calibrated_triads import calibrated_triads
 from ..calibration.calibration import Calibration, TriadCalibration
 from ..calibration.magnetometers import MagnetometerCalibration
 from ..physics.temperature import Constant
-from .calibrated_triads import calibrated_triads
 from .record import Record
 from .sources_at import BY_GRAVITY
 

@@ -5,11 +5,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..calibration.calibrated_triads import calibrated_triads
 from ..calibration.calibration import Calibration, TriadCalibration
 from ..calibration.quantities import si_unit
 from ..exports.extrapolation import margin
 from ..physics.temperature import Constant
-from .calibrated_triads import calibrated_triads
 from .expanded_uncertainty import coverage_factor, effective_degrees
 from .guard_band import Measured
 from .record import Record
