@@ -129,6 +129,17 @@ def test_derivatives_need_no_lapack(found):
         assert call not in traced, call
 
 
+BY_SIZE = """repositioning day_to_day probe_noise probe_offset timing gravity positioning mounting table_rate""".split()
+
+
+@pytest.mark.parametrize("name", BY_SIZE)
+def test_a_source_of_another_size_shares_a_compiled_program(name):
+    one, other = (getattr(ix.sources, name)(size) for size in (1e-4, 2e-4))
+    (argument, fixed), (_, same) = (eqx.partition(s, eqx.is_array) for s in (one, other))
+    assert jax.tree.leaves(argument) == [1e-4]
+    assert jax.tree.structure(fixed) == jax.tree.structure(same)
+
+
 def test_sigma_by_dwell_is_that_of_its_three_axes():
     accel = np.tile([0.0, 0.0, GRAVITY], (4, 5, 1))
     each = 1e-3 * (1.0 + np.arange(20.0).reshape(4, 5))

@@ -1,7 +1,8 @@
 """Uncertainties of rig, environment and device, as disturbances of what dwells should have read.
 
 Each function returns a `Source` of a stated 1-sigma size. Signs are "actual less stated": a gravity of
-+1e-5 means that the real g is larger than the number in the campaign file.
++1e-5 means that the real g is larger than the number in the campaign file. Of the temperature it is what was read that
+is off: "read less actual".
 """
 
 from collections.abc import Callable
@@ -15,6 +16,7 @@ from jaxtyping import Array, Float
 from .._typing import AnyArray, Scalar
 from ..data.plausible_units import check_from_zero
 from ..physics import rotation
+from ..physics.leaves import as_leaf
 from ..reduction.dwells import Dwells
 
 
@@ -59,7 +61,7 @@ class Source(eqx.Module):
 
     name: str = eqx.field(static=True)
     unit: str = eqx.field(static=True)
-    size: Scalar | float  # 1 sigma, in `unit`
+    size: Scalar | float = eqx.field(converter=as_leaf)  # 1 sigma, in `unit`
     per: str = eqx.field(static=True)  # drawn for each "dwell", "experiment" or once a "campaign"
     width: int = eqx.field(static=True)  # numbers in a draw
     effect: Effect = eqx.field(static=True)
@@ -95,22 +97,16 @@ def _rotated(vectors: AnyArray | None, angles: Array) -> Array | None:
     return turned - jnp.asarray(vectors)
 
 
-def _turned(angles: Array, scene: Scene) -> Disturbance:
-    return Disturbance(force=_rotated(scene.force, angles), rate=_rotated(scene.rate, angles))
+# What the functions below make is these same functions each time, so that a program is compiled once for all sizes.
 
 
-def output_noise() -> Source:
-    """Noise of the dwell means, by their own covariances; `size` 1 is that noise."""
-
-    def effect(values: Array, scene: Scene, dwells: Dwells) -> Disturbance:
-        del scene
-        own = lambda c, v: None if c is None else jnp.einsum("nij,nj->ni", _roots(c), v)
-        return Disturbance(
-            accel=own(dwells.accel_covariance, values[:, :3]),
-            gyro=own(dwells.gyro_covariance, values[:, 3:]),
-        )
-
-    return Source(NAMES["output_noise"], "1", 1.0, "dwell", 6, effect)
+def _by_covariances(values: Array, scene: Scene, dwells: Dwells) -> Disturbance:
+    del scene
+    own = lambda c, v: None if c is None else jnp.einsum("nij,nj->ni", _roots(c), v)
+    return Disturbance(
+        accel=own(dwells.accel_covariance, values[:, :3]),
+        gyro=own(dwells.gyro_covariance, values[:, 3:]),
+    )
 
 
 def _roots(covariances: AnyArray) -> Float[Array, "dwells 3 3"]:
@@ -132,68 +128,83 @@ def _roots(covariances: AnyArray) -> Float[Array, "dwells 3 3"]:
     return jnp.moveaxis(jnp.stack(rows).reshape(3, 3, -1), -1, 0)
 
 
+def _on_accel(values: Array, scene: Scene, dwells: Dwells) -> Disturbance:
+    del scene, dwells
+    return Disturbance(accel=values)
+
+
+def _on_gyro(values: Array, scene: Scene, dwells: Dwells) -> Disturbance:
+    del scene, dwells
+    return Disturbance(gyro=values)
+
+
+def _on_probe(values: Array, scene: Scene, dwells: Dwells) -> Disturbance:
+    del scene, dwells
+    return Disturbance(temperature=values[:, 0])
+
+
+def _late(values: Array, scene: Scene, dwells: Dwells) -> Disturbance:
+    del dwells
+    return Disturbance(temperature=-values[:, 0] * scene.heating)
+
+
+def _along_force(values: Array, scene: Scene, dwells: Dwells) -> Disturbance:
+    del dwells
+    assert scene.force is not None
+    magnitude = jnp.linalg.norm(jnp.asarray(scene.force), axis=1, keepdims=True)
+    return Disturbance(force=jnp.asarray(scene.force) / magnitude * values)
+
+
+def _turned(angles: Array, scene: Scene, dwells: Dwells) -> Disturbance:
+    del dwells
+    return Disturbance(force=_rotated(scene.force, angles), rate=_rotated(scene.rate, angles))
+
+
+def _along_rate(values: Array, scene: Scene, dwells: Dwells) -> Disturbance:
+    turning = jnp.where(jnp.asarray(dwells.position) < 0, 1.0, 0.0)[:, None]
+    assert scene.rate is not None
+    return Disturbance(rate=values * turning * jnp.asarray(scene.rate))
+
+
+def _bias(name: str, size: float, per: str, triad: str) -> Source:
+    accel = triad == "accel"
+    unit, effect = ("m/s^2", _on_accel) if accel else ("rad/s", _on_gyro)
+    return Source(NAMES[name], unit, size, per, 3, effect)
+
+
+def output_noise() -> Source:
+    """Noise of the dwell means, by their own covariances; `size` 1 is that noise."""
+    return Source(NAMES["output_noise"], "1", 1.0, "dwell", 6, _by_covariances)
+
+
 def repositioning(size: float, *, triad: str = "accel") -> Source:
     """Bias that differs from dwell to dwell, each axis on its own: m/s² or rad/s."""
-
-    def effect(values: Array, scene: Scene, dwells: Dwells) -> Disturbance:
-        del scene, dwells
-        return Disturbance(accel=values) if triad == "accel" else Disturbance(gyro=values)
-
-    return Source(NAMES["repositioning"], _unit(triad), size, "dwell", 3, effect)
+    return _bias("repositioning", size, "dwell", triad)
 
 
 def day_to_day(size: float, *, triad: str = "accel") -> Source:
     """Bias that differs from experiment to experiment, each axis on its own: m/s² or rad/s."""
-
-    def effect(values: Array, scene: Scene, dwells: Dwells) -> Disturbance:
-        del scene, dwells
-        return Disturbance(accel=values) if triad == "accel" else Disturbance(gyro=values)
-
-    return Source(NAMES["day_to_day"], _unit(triad), size, "experiment", 3, effect)
-
-
-def _unit(triad: str) -> str:
-    return "m/s^2" if triad == "accel" else "rad/s"
+    return _bias("day_to_day", size, "experiment", triad)
 
 
 def probe_noise(size: float) -> Source:
-    """Error of the probe that differs from dwell to dwell, °C."""
-    return _probe(NAMES["probe_noise"], size, "dwell")
+    """Error of the probe that differs from dwell to dwell, °C; positive where it reads too high."""
+    return Source(NAMES["probe_noise"], "degC", size, "dwell", 1, _on_probe)
 
 
 def probe_offset(size: float) -> Source:
-    """Constant offset of the probe, °C."""
-    return _probe(NAMES["probe_offset"], size, "campaign")
-
-
-def _probe(name: str, size: float, per: str) -> Source:
-    def effect(values: Array, scene: Scene, dwells: Dwells) -> Disturbance:
-        del scene, dwells
-        return Disturbance(temperature=values[:, 0])
-
-    return Source(name, "degC", size, per, 1, effect)
+    """Constant offset of the probe, °C; positive where it reads too high."""
+    return Source(NAMES["probe_offset"], "degC", size, "campaign", 1, _on_probe)
 
 
 def timing(size: float) -> Source:
     """Temperature stamped late by a constant time, s; to first order also a probe's lag."""
-
-    def effect(values: Array, scene: Scene, dwells: Dwells) -> Disturbance:
-        del dwells
-        return Disturbance(temperature=-values[:, 0] * scene.heating)
-
-    return Source(NAMES["timing"], "s", size, "campaign", 1, effect)
+    return Source(NAMES["timing"], "s", size, "campaign", 1, _late)
 
 
 def gravity(size: float) -> Source:
     """Error of the reference g, m/s²."""
-
-    def effect(values: Array, scene: Scene, dwells: Dwells) -> Disturbance:
-        del dwells
-        assert scene.force is not None
-        magnitude = jnp.linalg.norm(jnp.asarray(scene.force), axis=1, keepdims=True)
-        return Disturbance(force=jnp.asarray(scene.force) / magnitude * values)
-
-    return Source(NAMES["gravity"], "m/s^2", size, "campaign", 1, effect)
+    return Source(NAMES["gravity"], "m/s^2", size, "campaign", 1, _along_force)
 
 
 def table_angles(
@@ -211,30 +222,25 @@ def table_angles(
         # A mean over whole revolutions does not know where the turn started.
         rest = jnp.where(jnp.asarray(dwells.position) >= 0, 1.0, 0.0)[:, None]
         about_outer = values[:, :1] * jnp.asarray(outer_axes)
-        return _turned(rest * (about_outer + values[:, 1:] * jnp.asarray(inner_axes)), scene)
+        turned = rest * (about_outer + values[:, 1:] * jnp.asarray(inner_axes))
+        return _turned(turned, scene, dwells)
 
     return Source(NAMES["table_angles"], "rad", size, "dwell", 2, effect)
 
 
 def positioning(size: float) -> Source:
     """Error of attitude at each positioning about every axis, rad, where no table is described."""
-    return Source(NAMES["positioning"], "rad", size, "dwell", 3, lambda v, s, d: _turned(v, s))
+    return Source(NAMES["positioning"], "rad", size, "dwell", 3, _turned)
 
 
 def mounting(size: float) -> Source:
     """Constant rotation of the device on the table about every axis, rad."""
-    return Source(NAMES["mounting"], "rad", size, "campaign", 3, lambda v, s, d: _turned(v, s))
+    return Source(NAMES["mounting"], "rad", size, "campaign", 3, _turned)
 
 
 def table_rate(size: float) -> Source:
     """Relative error of the table's rate, or of the clock; of turns, not of rests."""
-
-    def effect(values: Array, scene: Scene, dwells: Dwells) -> Disturbance:
-        turning = jnp.where(jnp.asarray(dwells.position) < 0, 1.0, 0.0)[:, None]
-        assert scene.rate is not None
-        return Disturbance(rate=values * turning * jnp.asarray(scene.rate))
-
-    return Source(NAMES["table_rate"], "1", size, "campaign", 1, effect)
+    return Source(NAMES["table_rate"], "1", size, "campaign", 1, _along_rate)
 
 
 def table_axes(
