@@ -227,6 +227,10 @@ def test_conditioned_goes_through_jit_and_takes_values(sloped):
         one, np.array([1e-3, 2e-3, 3e-3])
     )
     np.testing.assert_allclose(compiled.coefficients, known.coefficients, rtol=1e-9, atol=1e-12)
+    both = one.conditioned(block, np.array([[1e-3, 2e-3, 3e-3], [0.0, 0.0, 0.0]]))
+    for got, want in zip(ix.unstack(both), (known, one.conditioned(block)), strict=True):
+        np.testing.assert_allclose(got.coefficients, want.coefficients, rtol=1e-12)
+        np.testing.assert_allclose(got.covariance, want.covariance, rtol=1e-12)
     # At their means nothing moves.
     np.testing.assert_allclose(
         one.conditioned(block, block.mean).coefficients, one.coefficients, rtol=1e-12

@@ -206,6 +206,7 @@ CASES = [
     ("c.samples(10, key)", "key is 10; make one by"),
     ("c.samples(key, 2.5)", "n is 2.5; it must be 1 or more"),
     ("c.conditioned('*.bias', v[:2])", "values have shape (2,), but the block has 3"),
+    ("c.changed(gryo=None)", "`calibration.changed(gryo=...)`: it has gravity, accel, gyro, device"),
     ("many(v, v, 20.0)", "(2,) devices are stacked; `jax.vmap` over them"),
     ("many.distort(v, v, 20.0)", "(2,) devices are stacked"),
     ("many.samples(key, 3)", "(2,) devices are stacked"),

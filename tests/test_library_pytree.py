@@ -147,6 +147,7 @@ def test_stacked_devices_are_mapped_like_each_alone():
             np.testing.assert_array_equal(a, b)
     outside = jax.vmap(lambda c: c.extrapolates(-41.5))(many)
     assert outside.tolist() == [True, True, False, False]
+    assert devices[0].extrapolates(np.nan)
 
 
 @pytest.mark.slow

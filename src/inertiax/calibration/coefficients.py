@@ -206,12 +206,14 @@ def conditional(
     spread: Float[AnyArray, "*batch n n"],
     rows: Sequence[int],
     given: Float[AnyArray, "*given k"],
-) -> tuple[Float[AnyArray, "*batch n"], Float[AnyArray, "*batch n n"]]:
+) -> tuple[Float[AnyArray, "*both n"], Float[AnyArray, "*both n n"]]:
     """Mean and covariance of a Gaussian whose components `rows` are known to be `given`."""
     xp = _library(mean, spread, given)
     gain, left = regression(spread, rows)
-    mean, known = xp.asarray(mean), np.asarray(rows, int)
-    given = xp.broadcast_to(xp.asarray(given, mean.dtype), mean[..., known].shape)
+    known, lead = np.asarray(rows, int), np.broadcast_shapes(mean.shape[:-1], given.shape[:-1])
+    wide = lambda x, axes: xp.broadcast_to(x, (*lead, *x.shape[-axes:]))
+    mean, left = wide(xp.asarray(mean), 1), wide(left, 2)
+    given = wide(xp.asarray(given, mean.dtype), 1)
     change = xp.asarray(gain, mean.dtype) @ (given - mean[..., known])[..., None]
     return _put(mean + change[..., 0], known, given), left
 

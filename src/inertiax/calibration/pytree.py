@@ -194,12 +194,12 @@ class Calibration:
         return temperature
 
     def extrapolates(self, temperature: Scalar | float) -> Bool[Array, ""]:
-        """Whether a temperature (°C) is outside what the calibration data covered."""
+        """Whether a temperature (°C) is outside what the calibration data covered, or no number."""
         if self.temperature_range is None:
             return jnp.asarray(False)
         low, high = self.temperature_range
         t = jnp.asarray(temperature)
-        return (t < jnp.asarray(low, t.dtype)) | (t > jnp.asarray(high, t.dtype))
+        return ~((t >= jnp.asarray(low, t.dtype)) & (t <= jnp.asarray(high, t.dtype)))
 
     # The coefficients --------------------------------------------------------------------------------
 
@@ -382,10 +382,13 @@ class Calibration:
         return self.changed(effects=kept)
 
     def changed(self, **new: Any) -> "Calibration":
-        """A copy with other values of some fields; nothing is checked, so that it works on stacked devices, too."""
+        """A copy with other values, not checked, of some fields. Raises `ValueError` for a name that is no field's."""
+        own = {field.name: getattr(self, field.name) for field in fields(self)}
+        for name in sorted(new.keys() - own.keys()):
+            raise ValueError(f"`calibration.changed({name}=...)`: it has {', '.join(own)}.")
         made = object.__new__(Calibration)
-        for field in fields(self):
-            object.__setattr__(made, field.name, new.get(field.name, getattr(self, field.name)))
+        for name, value in (own | new).items():
+            object.__setattr__(made, name, value)
         return made
 
 
