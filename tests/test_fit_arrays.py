@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import inertiax as ix
+import inertiax.fleet.fit as fleet_fit
 from inertiax.calibrate.goodness_of_fit import grade_matrix, matrix_mistakes, UNUSABLE
 from inertiax.fleet.solve.batch import fit_fleet
 from inertiax.physics.temperature import Constant
@@ -127,6 +128,26 @@ def test_derivatives_need_no_lapack(found):
     assert "dot_general" in traced
     for call in (" lu[", " cholesky[", " triangular_solve", " eigh[", " qr[", " svd["):
         assert call not in traced, call
+
+
+def test_numbers_of_dwells_share_a_program_and_give_what_their_own_gives(monkeypatch):
+    up = np.random.default_rng(6).normal(size=(25, 3))
+    dwells = ix.Dwells.from_arrays(
+        GRAVITY * up / np.linalg.norm(up, axis=1, keepdims=True), sigma=1e-4
+    )
+    shapes = []
+    seen = lambda estimator, basis, d: (
+        shapes.append(d.valid.shape) or fit_fleet(estimator, basis, d)
+    )
+    monkeypatch.setattr(fleet_fit, "fit_fleet", seen)
+    shared = ix.fit(dwells)
+    monkeypatch.setattr(fleet_fit, "FEW", 0)
+    own = ix.fit(dwells)
+    assert shapes == [(1, 32), (1, 25)]
+    assert shared.dof == own.dof == {"accel": 25 - 9}
+    # Sums in another order.
+    for one, other in zip(jax.tree.leaves(shared), jax.tree.leaves(own), strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-12)
 
 
 BY_SIZE = """repositioning day_to_day probe_noise probe_offset timing gravity positioning mounting table_rate""".split()

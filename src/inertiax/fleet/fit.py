@@ -31,6 +31,8 @@ LEAST_GRAVITY, GREATEST_GRAVITY = (
 # Condition of the coefficients' correlation, beyond which rounding decides: half the digits of 64 bits.
 LARGEST_CONDITION = 1e8
 HIGHEST_DEGREE = 6
+FEW = 1000  # devices, whose solve takes far less than compiling
+LEAST_STEP = 8  # dwells
 SHOWN = 3  # reasons in a line that shows a fit
 
 
@@ -111,7 +113,7 @@ def fit(
     _check(dwells, accel, gyro, degree)
     lead = dwells.valid.shape[:-1]
     flat = jax.tree.map(lambda x: np.asarray(x).reshape(-1, *np.shape(x)[len(lead) :]), dwells)
-    flat, accel, gyro = jax.tree.map(own_object, (flat, accel, gyro))
+    flat, accel, gyro = jax.tree.map(own_object, (_padded(flat), accel, gyro))
     basis = _basis(flat, degree)
     with jax.enable_x64(True):
         triads, weights, seen = {}, {}, flat
@@ -128,6 +130,7 @@ def fit(
             name, rows = estimator.triad, found.misfit.shape[2]
             left = rows * found.valid.sum(axis=1) - found.parameters.shape[1]
             misfit = np.where(found.valid[..., None], found.misfit, 0.0)
+            misfit = misfit[:, : dwells.valid.shape[-1]]
             residuals[name] = misfit.reshape(*lead, *misfit.shape[1:])
             chi2[name] = (found.chi2_per_dof * left).reshape(lead)
             dof[name] = left.reshape(lead)
@@ -154,6 +157,20 @@ def fit(
         chi2,
         dof,
     )
+
+
+def _padded(dwells: Dwells) -> Dwells:
+    """Few devices with dwells that are not valid, up to one of four numbers in an octave, each compiled once.
+
+    Many devices compute for longer with more dwells than another program takes to compile.
+    """
+    devices, count = dwells.valid.shape
+    step = max(LEAST_STEP, 2 ** (count.bit_length() - 3))
+    more = -count % step if devices <= FEW else 0
+    widened = jax.tree.map(
+        lambda x: np.pad(x, [(0, 0), (0, more), *[(0, 0)] * (np.ndim(x) - 2)], mode="edge"), dwells
+    )
+    return eqx.tree_at(lambda d: d.valid, widened, np.pad(dwells.valid, [(0, 0), (0, more)]))
 
 
 def _repeated(
