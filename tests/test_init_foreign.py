@@ -166,11 +166,11 @@ def test_sentences_with_a_checksum(tmp_path):
     read(tmp_path)
 
 
-def test_stamps_that_begin_anew_tell_the_rate_of_one_run(tmp_path):
+def test_stamps_that_begin_anew_keep_their_step(tmp_path):
     runs = np.tile(np.arange(200) / 200.0, 10)
     found, tables = drafted(tmp_path / "log.csv", "t,gx,gy,gz\n" + lines(runs, *TURNS.T))
-    assert tables["columns"]["time"] == {"rate": 200.0}
-    assert "begins anew 9 times" in found.told["time"] + found.untold.get("time", "")
+    assert tables["columns"]["time"] == {"name": "t", "unit": "s", "mend": True}
+    assert "begins anew at row 200, 400, 600, 800 …" in found.untold["time"]
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from ..data.formats.mended_stamps import can_be_mended, mended
+from ..data.formats.mended_stamps import can_be_mended, mended, restarts
 from ..reduction.host_stamps import host_stamps, usual_rate
 from .column_words import LONG_TIME_UNITS, plain, said, TIME_UNITS
 from .raw_log import RawLog
@@ -176,8 +176,16 @@ def _checked(name: str, unit: str | None, seconds: Float[np.ndarray, " rows"], w
     bad = int((~(steps > 0)).sum())
     if bad and can_be_mended(seconds):
         found = _checked(name, unit, mended(seconds), why)
-        text = f"{found.why}; {bad} stamps that repeat or go back are put between their neighbours"
-        return found if found.name is None else found._replace(why=text, mend=True)
+        if found.name is None:
+            return found
+        anew = restarts(seconds)
+        few, text = bad - len(anew), found.why
+        if few:
+            text += f"; {few} stamps that repeat or go back are put between their neighbours"
+        if len(anew):
+            text += f"; it begins anew at row {', '.join(map(str, anew[:4]))}{' …' * (len(anew) > 4)}: what follows is "
+            text += "put behind what was before"
+        return found._replace(why=text, mend=True, certain=not len(anew))
     rate = (
         len(steps) / float(np.nanmax(seconds) - np.nanmin(seconds)) if len(steps) else UNKNOWN_RATE
     )

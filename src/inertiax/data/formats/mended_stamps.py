@@ -1,13 +1,41 @@
-"""Stamps of which a few repeat or go back: put between their neighbours, so that the others keep the clock."""
+"""Stamps of which a few repeat or go back, and clocks that begin anew: the others keep the clock."""
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 
 # Of the rows: more are the clock itself (too coarse, or the host's), and no slips of it (convention).
 _FEW = 0.05
 # Usual steps: a stamp that goes back further is of a clock that began anew, not of a row that was late (convention).
 _LATE = 3.0
+_BESIDE = 5  # rows on each side that tell a clock that begins anew from a stamp that is far off alone (convention)
+# Usual steps between what a clock that begins anew parts: how long it stood is not known, so that neither a rest nor a
+# motion may go on across; longer than the pause that ends both.
+_PAUSE = 25.0
+
+
+def restarts(time: Float[np.ndarray, " rows"]) -> Int[np.ndarray, " restarts"]:
+    """The rows before which a clock goes back, and stays back."""
+    steps = np.diff(time)
+    if not len(steps):
+        return np.zeros(0, int)
+    back = np.flatnonzero(steps < -_LATE * np.median(steps)) + 1
+    beside = lambda k: (np.median(time[max(k - _BESIDE, 0) : k]), np.median(time[k : k + _BESIDE]))
+    return np.array([k for k in back if np.greater(*beside(k))], int)
+
+
+def _joined(time: Float[np.ndarray, " rows"]) -> Float[np.ndarray, " rows"]:
+    """The stamps with what follows a restart behind what was before it: after a pause, or after the usual step where
+    the clock goes back by as much each time, as a counter does that is full."""
+    rows = restarts(time)
+    if not len(rows):
+        return time
+    steps = np.diff(time)
+    usual, back = np.median(steps), steps[rows - 1]
+    full = len(rows) > 1 and np.ptp(back) < _LATE * usual
+    later = np.zeros(len(time))
+    later[rows] = (1.0 if full else _PAUSE) * usual - back
+    return time + np.cumsum(later)
 
 
 def out_of_order(time: Float[np.ndarray, " rows"]) -> Bool[np.ndarray, " rows"]:
@@ -18,9 +46,12 @@ def out_of_order(time: Float[np.ndarray, " rows"]) -> Bool[np.ndarray, " rows"]:
 
 
 def can_be_mended(time: Float[np.ndarray, " rows"]) -> bool:
-    """Whether the stamps that are out of order are few, a twentieth of the rows, and none goes back by three steps."""
-    out = out_of_order(time)
-    if not np.isfinite(time).all() or len(time) < 3 or out.sum() > max(_FEW * len(time), 1.0):
+    """Whether the stamps that are out of order are few, a twentieth of the rows, and none goes back by three steps but
+    where the clock begins anew."""
+    if not np.isfinite(time).all() or len(time) < 3:
+        return False
+    time = _joined(time)
+    if out_of_order(time).sum() > max(_FEW * len(time), 1.0):
         return False
     steps = np.diff(time)
     return bool(steps.min() >= -_LATE * np.median(steps))
@@ -29,22 +60,24 @@ def can_be_mended(time: Float[np.ndarray, " rows"]) -> bool:
 def mended(time: Float[np.ndarray, " rows"], where: str = "the log") -> Float[np.ndarray, " rows"]:
     """The stamps, strictly increasing: those out of order on the straight line between the others, over the row number.
 
-    Behind the last that is in order they go on with the usual step. Raises `ValueError`, which names `where` they
+    Behind the last that is in order they go on with the usual step. A clock that begins anew goes on after a pause
+    of 25 steps, a counter that begins anew when it is full after one. Raises `ValueError`, which names `where` they
     stand, where they are not few, or go back too far, as `can_be_mended` has it.
 
     ```python
     mended(np.array([0.0, 1.0, 1.0, 3.0, 4.0]))  # 0, 1, 2, 3, 4
     ```
     """
+    if not can_be_mended(time) and out_of_order(time).any():
+        raise ValueError(
+            f"{where}: {int(out_of_order(time).sum())} of {len(time)} stamps are not later than all before them; "
+            f"mend = true is for few ({_FEW:.0%} of the rows) that go back by less than {_LATE:g} usual steps, and for "
+            "clocks that begin anew; count rows with [columns] time = { rate = ... } in Hz."
+        )
+    time = _joined(time)
     out = out_of_order(time)
     if not out.any():
         return time
-    if not can_be_mended(time):
-        raise ValueError(
-            f"{where}: {int(out.sum())} of {len(time)} stamps are not later than all before them; mend = true is for "
-            f"few ({_FEW:.0%} of the rows) that go back by less than {_LATE:g} usual steps; "
-            "count rows with [columns] time = { rate = ... } in Hz."
-        )
     rows = np.arange(len(time))
     kept = np.flatnonzero(~out)
     usual = np.median(np.diff(time[kept]) / np.diff(kept))
