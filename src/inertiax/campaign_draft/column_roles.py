@@ -68,6 +68,9 @@ class Roles(NamedTuple):
     device: str | None = None  # labels under names of their own
     experiment: str | None = None
     unnamed: tuple[tuple[str, str, str], ...] = ()  # triads whose names say nothing
+    probe_of_axis: bool = (
+        False  # whether the temperature is that of the first axis, of one for each
+    )
 
 
 def roles_of(log: RawLog, only: str | None = None) -> Roles:
@@ -163,6 +166,8 @@ def _by_name(log: RawLog) -> Roles:
     mags: list[tuple[str, str, str]] = []
     references: dict[str, tuple[str, str, str]] = {}
     triads = [t for t in triads if not is_of_quaternion(log, t)]
+    of_axes = [t for t in triads if _are_probes(log, t)]
+    triads = [t for t in triads if t not in of_axes]
     sole = len(triads) == 1 and len(log.names) <= 4
     for triad in triads:
         first = called(triad)
@@ -238,10 +243,18 @@ def _by_name(log: RawLog) -> Roles:
         references.get("reference_gyro"),
         device=next((n for n in (*log.texts, *free) if means("device", n)), None),
         experiment=next((n for n in free if means("experiment", n) and n in log.numbers), None),
+        probe_of_axis=any(temperature[:1] == [t[0]] for t in of_axes),
         unnamed=tuple(
             t for t in unnamed if t not in by_norm[:1] and all(n in log.numbers for n in t)
         ),
     )
+
+
+def _are_probes(log: RawLog, triad: tuple[str, str, str]) -> bool:
+    """Whether three columns are temperatures, one for each axis."""
+    first = called(triad)
+    kind = "mag" if means("mag", first) else kind_of(first, log.hint(triad[0]))
+    return kind is None and means("temperature", first)
 
 
 def _by_owner(

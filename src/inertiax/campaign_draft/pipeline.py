@@ -118,7 +118,10 @@ def draft_campaign(
     angles = None if found.roles.reference_accel is not None else table_angles(found, rests)
     if angles is not None:
         own = refined(each, angles)
-    lines, remarks, upright = _columns(found, rests, turns, angles, own, step)
+    probes = probe_logs(found, probed)
+    # A probe's own log stands for the device's column of that name
+    without = found._replace(roles=found.roles._replace(temperature=None)) if probes else found
+    lines, remarks, upright = _columns(without, rests, turns, angles, own, step)
     if upright is not None:
         own = refined_by_rate(each, upright.name)
     if own and angles is None and upright is None:
@@ -128,9 +131,7 @@ def draft_campaign(
             f"{own[0].clocks.delay:.1f} s late, where its columns are most like the gyros: are both logs of one run? "
             f"{ONE_AXIS}"
         )
-    probes = probe_logs(found, probed)
-    if probes:
-        lines = tuple(x for x in lines if x.key != "temperature") + tuple(probe_columns(probes))
+    lines += tuple(probe_columns(probes))
     columns = columns_table(lines, remarks, found)
     if apart is not None and apart.aside:
         columns = columns._replace(unread=(*columns.unread, apart.remark))
@@ -292,7 +293,10 @@ def _columns(
         if told.unit is None:
             remarks.append(f"{CHECK} temperature: {told.why}; it is left out")
         else:
-            lines.append(Line("temperature", told.of_column(name), told.why, told.certain))
+            one = found.roles.probe_of_axis
+            why = f"{told.why}{'; it stands for all axes: a device has one temperature' * one}"
+            certain = told.certain and not one
+            lines.append(Line("temperature", told.of_column(name), why, certain))
     return tuple(lines), tuple(remarks), upright
 
 

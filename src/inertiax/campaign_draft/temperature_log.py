@@ -139,9 +139,7 @@ def _probe_log(found: RawTriads, path: Path) -> ProbeLog:
         )
     log = without_repeats_of_stamps(log, name)
     column = _column(log, name)
-    values = log.numbers[column]
-    told = np.isfinite(values)
-    unit = temperature_unit(log._replace(numbers={column: values[told]}), column)
+    unit = temperature_unit(log, column)
     if unit.unit is None:
         raise ValueError(f"{path}: {unit.why}.")
     device = absolute(found.log, found.clock)

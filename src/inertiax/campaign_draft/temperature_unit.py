@@ -60,9 +60,13 @@ class TemperatureUnit(NamedTuple):
 def temperature_unit(log: RawLog, name: str) -> TemperatureUnit:
     """Unit of a temperature column."""
     values: Float[np.ndarray, " rows"] = log.numbers[name]
-    if not np.isfinite(values).all():
-        gaps = int((~np.isfinite(values)).sum())
-        return TemperatureUnit(None, None, None, f"{gaps} rows of {name} are empty", False)
+    told = np.isfinite(values)
+    if not told.all():
+        if told.sum() < 2:
+            return TemperatureUnit(None, None, None, f"{name} holds no two numbers", False)
+        unit = temperature_unit(log._replace(numbers={name: values[told]}), name)
+        text = f"{unit.why}; {told.sum()} of {len(told)} rows hold it, with straight lines between"
+        return unit._replace(why=text)
     low, high = float(values.min()), float(values.max())
     span = f"{low:.4g} to {high:.4g}"
     counts = bool(np.all(values == np.round(values)))

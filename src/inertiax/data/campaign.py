@@ -16,6 +16,7 @@ from .formats.kept_rows import notes_on_rows
 from .formats.long_logs import read_long
 from .formats.table_angles import two_axes
 from .formats.table_log import read_table_log
+from .formats.temperature_at_stamps import note_on_lines
 from .formats.temperature_log import beside_each
 from .model_columns import check_model_columns
 from .pairing import pair
@@ -45,6 +46,8 @@ def load_campaign(path: Path | str, *, in_parts: bool = False) -> Campaign:
         recordings = _named(recordings, table.device.serial)
         for r in recordings:
             notes += tuple(notes_on_rows(r.name, r.empty_rows, r.repeated_rows))
+            if r.temperature_step:
+                pairings += (note_on_lines(r.name, r.temperature_step),)
     except ValueError as error:
         raise ValueError(f"{file}: {error}") from None
     return Campaign(

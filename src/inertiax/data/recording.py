@@ -82,6 +82,7 @@ class Recording(Module):
     name: str = field(static=True, default="")  # where it came from, for messages
     empty_rows: int = field(static=True, default=0)  # of its file without any value, left out
     repeated_rows: int = field(static=True, default=0)  # that say the row before again, left out
+    temperature_step: float = field(static=True, default=0.0)  # s between its rows; 0: it is in all
 
     def __check_init__(self):
         where = f"recording '{self.name}'" if self.name else "`Recording(...)`"
@@ -373,16 +374,8 @@ class Campaign(Module):
             raise ValueError(
                 f"`Campaign.of_device({device!r})`: no such device; found {list(self.devices)}."
             )
-        return Campaign(
-            chosen,
-            self.site,
-            self.rig,
-            self.model,
-            self.grade,
-            self.path,
-            self.notes,
-            self.pairings,
-        )
+        further = (self.model, self.grade, self.path, self.notes, self.pairings)
+        return Campaign(chosen, self.site, self.rig, *further)
 
     @property
     def reservations(self) -> tuple[str, ...]:

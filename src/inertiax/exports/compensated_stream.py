@@ -113,7 +113,7 @@ def _in_pieces(
         for table, shown in tables:
             kept = kept_rows(table, columns, Layout())
             own = kept.of(shown)
-            (recording,) = to_recordings(kept.table, columns, Layout(), name=name)
+            (recording,) = to_recordings(kept.table, columns, Layout(), name=name, piece=True)
             if isinstance(columns.time, TimeColumn) and columns.time.rate is not None:
                 counted = (extent.rows + np.arange(recording.num_samples)) / columns.time.rate
                 recording = replace(recording, time=counted)

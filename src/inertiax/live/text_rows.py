@@ -8,12 +8,13 @@ import dataclasses
 
 import msgspec
 import numpy as np
+import polars as pl
 from jaxtyping import Bool, Float
 
 from ..data.formats.columns import ColumnMap, Layout, TimeColumn
 from ..data.formats.csv import column_names, parse_rows
 from ..data.formats.kept_rows import kept_rows
-from ..data.formats.table import stamps_of, to_recordings
+from ..data.formats.table import stamps_of, temperature_names, to_recordings
 from ..data.formats.text_layout import find_layout, TextLayout, UTF8_MARK
 from ..data.recording import Recording
 
@@ -48,6 +49,7 @@ class TextRows:
         self._layout: TextLayout | None = None
         self._names: tuple[str, ...] = ()
         self._count = 0
+        self._last: dict[str, str | None] = {}  # of each probe
         self._left_out = layout.start_row  # rows still to be left out at the start
         self._header: list[bytes] | None = None  # lines above the data that nobody took yet
 
@@ -138,7 +140,7 @@ class TextRows:
         layout = self._layout
         assert layout is not None
         data = b"".join(line + b"\n" for line in lines)
-        table = parse_rows(data, layout, self._names, self._name)
+        table = self._with_last_temperatures(parse_rows(data, layout, self._names, self._name))
         columns = msgspec.structs.replace(self._columns, time=TimeColumn(rate=1.0))
         # Rows are counted here: equal stamps are told by `follow`.
         table, kept, _, _ = kept_rows(table, columns, _ALL_ROWS)
@@ -153,6 +155,18 @@ class TextRows:
                 f"{self._name}: holds {len(found)} devices; `live` follows one, so give it the rows of one device."
             )
         return next(iter(found)), time, kept
+
+    def _with_last_temperatures(self, table: pl.DataFrame) -> pl.DataFrame:
+        """A probe that is not read in every row reads as it last did: what comes next is not known yet."""
+        for name in temperature_names(self._columns.temperature, table.columns):
+            if name not in table.columns:
+                continue
+            read = pl.col(name).str.strip_chars()
+            read = pl.when(~read.str.to_lowercase().is_in(["", "nan"])).then(pl.col(name))
+            held = read.forward_fill().fill_null(pl.lit(self._last.get(name))).backward_fill()
+            table = table.with_columns(held)
+            self._last[name] = table[name][-1]
+        return table
 
 
 _ALL_ROWS = Layout()

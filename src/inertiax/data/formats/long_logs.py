@@ -95,7 +95,7 @@ def _stored(
     layout = msgspec.structs.replace(layout, start_row=0)  # left out of the pieces already
 
     def keep(table: pl.DataFrame, device: str, last: float) -> tuple[str, float]:
-        (recording,) = to_recordings(table, columns, layout, name=name)
+        (recording,) = to_recordings(table, columns, layout, name=name, piece=True)
         if rate is not None:
             time = (store.rows + np.arange(recording.num_samples)) / rate
             recording = dataclasses.replace(recording, time=time)

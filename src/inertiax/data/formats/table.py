@@ -1,7 +1,7 @@
 """From a table of named columns to `Recording`s: units, checks, one recording per device."""
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Literal
 
 import numpy as np
@@ -32,15 +32,17 @@ from .kept_rows import kept_rows
 from .mended_stamps import can_be_mended, mended
 from .numeric_columns import numbers, require
 from .table_references import references_of_table
+from .temperature_at_stamps import between_rows
 from .time_stamps import seconds_of
 
 
 def to_recordings(
-    table: pl.DataFrame, columns: ColumnMap, layout: Layout, *, name: str
+    table: pl.DataFrame, columns: ColumnMap, layout: Layout, *, name: str, piece: bool = False
 ) -> tuple[Recording, ...]:
     """One `Recording` per device in the table, in SI, in order of first appearance.
 
-    `layout.triad` restricts to one triad, for files that hold the triads separately.
+    `layout.triad` restricts to one triad, for files that hold the triads separately; of a `piece` of a table what
+    the whole alone can tell is refused.
     Raises `ValueError` in one line that names the file, the column, the row (counted from 0 after
     the header) and what was found.
     """
@@ -56,7 +58,7 @@ def to_recordings(
         "time": stamps_of(table, columns, name),
         "accel": None if layout.triad == "gyro" else _triad(table, columns.accel, "accel", name),
         "gyro": None if layout.triad == "accel" else _triad(table, columns.gyro, "gyro", name),
-        "temperature": temperatures_of(table, columns.temperature, name),
+        "temperature": temperatures_of(table, columns.temperature, name, gaps=True),
         "experiment": _labels(table, columns.label("experiment"), "experiment", name),
         "position": position,
         "reference_accel": _triad(
@@ -83,9 +85,13 @@ def to_recordings(
         mine = {k: v[rows] for k, v in values.items() if v is not None}
         label = f"{name} (device {device})" if device else name
         mine["time"] = _clock(mine["time"], columns.time, name if not device else label)
-        parts.append(
-            Recording(**mine, device=device, name=label, empty_rows=empty, repeated_rows=repeated)
-        )
+        step = 0.0
+        if "temperature" in mine:
+            mine["temperature"], step = between_rows(mine["time"], mine["temperature"], label)
+        if piece and step:
+            raise ValueError(f"{name}: the rows with a temperature may be those of another piece.")
+        mine |= {"device": device, "name": label, "temperature_step": step}
+        parts.append(Recording(**mine, empty_rows=empty, repeated_rows=repeated))
     return tuple(parts)
 
 
@@ -200,20 +206,27 @@ def temperatures_of(
     table: pl.DataFrame, said: ProbeColumns | str | None, where: str, *, gaps: bool = False
 ) -> Float[np.ndarray, "rows probes"] | None:
     """The probes' temperatures in °C; `None` where there is no column of them. With `gaps` a row without is NaN."""
+    names = temperature_names(said, table.columns)
+    if not names:
+        return None
+    column = said if isinstance(said, ProbeColumns) else ProbeColumns()
+    scale, shift = temperature_factors(column, "[columns] temperature")
+    return np.stack([scale * (numbers(table, n, where, gaps=gaps) + shift) for n in names], axis=1)
+
+
+def temperature_names(said: ProbeColumns | str | None, there: Sequence[str]) -> tuple[str, ...]:
+    """The probes' columns that are said, else the canonical ones among those that are `there`."""
     column = ProbeColumns(name=said) if isinstance(said, str) else said or ProbeColumns()
     if column.name is not None and column.names is not None:
         raise ValueError("[columns] temperature: give name or names, not both.")
     if column.names is not None:
-        names = column.names
-    elif column.name is not None:
-        names = (column.name,)
-    else:
-        if said is None and "temperature" not in table.columns:
-            return None
-        further = [(int(n[12:]), n) for n in table.columns if _PROBE.fullmatch(n)]
-        names = ("temperature", *(n for _, n in sorted(further)))
-    scale, shift = temperature_factors(column, "[columns] temperature")
-    return np.stack([scale * (numbers(table, n, where, gaps=gaps) + shift) for n in names], axis=1)
+        return column.names
+    if column.name is not None:
+        return (column.name,)
+    if said is None and "temperature" not in there:
+        return ()
+    further = [(int(n[12:]), n) for n in there if _PROBE.fullmatch(n)]
+    return ("temperature", *(n for _, n in sorted(further)))
 
 
 _PROBE = re.compile(r"temperature_\d{1,6}")

@@ -1,4 +1,4 @@
-"""Temperatures of a log of its own at the device's stamps."""
+"""Temperatures at the device's stamps: those of a log of their own, or that stand in some of its rows."""
 
 import dataclasses
 from typing import NamedTuple
@@ -13,6 +13,39 @@ from .streams import onto
 # For so long the first reading held before, and the last one holds: usual steps, and s (conventions). A chamber moves
 # by some tenths of a degree in that time.
 _HELD, _SHORTLY = 5.0, 10.0
+
+
+def note_on_lines(name: str, step: float) -> str:
+    """What a reader should know of a temperature that was read every `step` s."""
+    return (
+        f"{name}: the temperature is put onto the device's stamps by straight lines between readings some "
+        f"{step:.3g} s apart."
+    )
+
+
+def between_rows(
+    time: Float[np.ndarray, " rows"], values: Float[np.ndarray, "rows probes"], where: str
+) -> tuple[Float[np.ndarray, "rows probes"], float]:
+    """Probes that were not read in all rows (NaN), by straight lines between those in which they were, and the usual
+    time between two readings, s; 0 where none is missing.
+
+    Raises `ValueError` where a probe's readings, two at least, do not cover the rows.
+    """
+    if np.isfinite(values).all():
+        return values, 0.0
+    made, steps = np.empty_like(values), []
+    for k, column in enumerate(values.T):
+        told = np.isfinite(column)
+        at = time[told]
+        steps.append(float(np.median(np.diff(at))) if len(at) > 1 else 0.0)
+        held = max(_HELD * steps[-1], _SHORTLY)
+        if len(at) < 2 or at[0] - time[0] > held or time[-1] - at[-1] > held:
+            raise ValueError(
+                f"{where}: the temperature has no finite number in {int((~told).sum())} of {len(told)} rows, and what "
+                "there is does not cover the log; drop or repair them, or leave out the column."
+            )
+        made[:, k] = np.interp(time, at, column[told])
+    return made, max(steps)
 
 
 class TemperatureLog(NamedTuple):

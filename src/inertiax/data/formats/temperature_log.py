@@ -9,7 +9,7 @@ import numpy as np
 from .columns import ColumnMap, Layout
 from .side_log import read_side_log
 from .table import temperatures_of
-from .temperature_at_stamps import TemperatureLog
+from .temperature_at_stamps import note_on_lines, TemperatureLog
 
 
 def read_temperature_log(path: Path, columns: ColumnMap, delay: float) -> TemperatureLog:
@@ -59,11 +59,7 @@ def beside_each(
     count = max(len(paths), len(delays))
     each = [list(x) * (count // len(x)) for x in (paths, delays)]
     logs = [read_temperature_log(p, columns, d) for p, d in zip(*each, strict=True)]
-    notes = (
-        f"{log.name}: the temperature is put onto the device's stamps by straight lines between readings some "
-        f"{log.step:.3g} s apart."
-        for log in logs
-    )
+    notes = (note_on_lines(log.name, log.step) for log in logs)
     pairs = zip(layouts, logs * (len(layouts) // count), strict=True)
     made = [msgspec.structs.replace(one, temperature_log=log) for one, log in pairs]
     return made, tuple(dict.fromkeys(notes))
