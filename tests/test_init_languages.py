@@ -160,6 +160,7 @@ def test_p_q_r_are_rates_with_a_unit_behind_them_too(tmp_path, behind):
         (RATE_UNITS, "drehrate_x [grad/s]", "deg/s"),
         (RATE_UNITS, "drehrate_x [rad/s]", "rad/s"),
         (RATE_UNITS, "Drehrate in Grad/h", "deg/h"),
+        (RATE_UNITS, "gyro_x_degh", "deg/h"),
         (RATE_UNITS, "vitesse angulaire x (degrés/s)", "deg/s"),
         (TIME_UNITS, "Zeit in Millisekunden", "ms"),
         (TIME_UNITS, "tiempo (segundos)", "s"),

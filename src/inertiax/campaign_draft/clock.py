@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ..data.formats.mended_stamps import can_be_mended, mended, restarts
+from ..physics.vectors import angle_between
 from ..reduction.host_stamps import host_stamps, usual_rate
 from .column_words import LONG_TIME_UNITS, plain, said, TIME_UNITS
 from .raw_log import RawLog
@@ -23,6 +24,9 @@ _LONGEST_STEP = 50.0  # times the usual one
 _PAUSE = 20.0  # usual steps: neither a pause nor where stamps go back is part of a mean rate
 _ANEW = 1.5  # usual steps to mean ones: the stamps' span is that of one of several runs
 _SHORTEST = 1.0  # s
+_FASTEST = np.deg2rad(4400.0)  # rad/s: MEMS gyros go to 4000 deg/s
+_STEADY_ROWS, _TURNING_ROWS, _SEVERAL = 5, 3, 3  # of each direction, between the two; such turns
+_LOOKED_AT = 200_000  # rows
 UNKNOWN_RATE = 100.0  # Hz, where nothing tells it
 
 
@@ -43,8 +47,15 @@ class Clock(NamedTuple):
         return self.name is not None or self.certain
 
 
-def clock_of(log: RawLog, name: str | None, rows: int, temperature: str | None) -> Clock:
-    """The clock of a log, by the column of times `name` where there is one."""
+def clock_of(
+    log: RawLog,
+    name: str | None,
+    rows: int,
+    temperature: str | None = None,
+    accel: Float[np.ndarray, "rows 3"] | None = None,
+) -> Clock:
+    """The clock of a log, by the column of times `name` where there is one; a `temperature` and `accel` (outputs) tell
+    its unit by how fast they move."""
     rate = log.stated_rate
     if name is not None and name in log.stamps:
         return _checked(name, None, log.stamps[name], "stamps as text")
@@ -56,7 +67,7 @@ def clock_of(log: RawLog, name: str | None, rows: int, temperature: str | None) 
         steps = _steps(log, name, values)
         if steps is not None and rate is None:
             return steps
-        unit, why, certain = _unit(log, name, values, rate, temperature)
+        unit, why, certain = _unit(log, name, values, rate, temperature, accel)
         if unit is not None:
             found = _checked(name, unit, ALL_UNITS[unit] * (values - values[0]), why)
             return found if certain else found._replace(certain=False)
@@ -116,6 +127,7 @@ def _unit(
     values: Float[np.ndarray, " rows"],
     rate: float | None,
     temperature: str | None,
+    accel: Float[np.ndarray, "rows 3"] | None,
 ) -> tuple[str | None, str, bool]:
     """The stamps' unit (`None`: they are no times), why, and whether that is certain."""
     told = values[np.isfinite(values)]  # a logger may write words of another kind below its rows
@@ -157,10 +169,28 @@ def _unit(
         why = f"in {usual[0]} the log would last {steps[usual[0]] * len(values):.2g} s, with stamps finer than a µs"
         return possible[0], why, False
     chosen = next(iter(usual or possible), None)
+    if chosen not in (None, possible[0]) and accel is not None and _too_fast(accel, steps[chosen]):
+        why = f"in {chosen} the device would turn faster than any gyro reads, if this does not count rows"
+        return possible[0], why, False
     if chosen is not None and np.all(np.diff(values) == 1.0):
         return chosen, f"it goes up by one: {chosen}, if it does not count rows", False
     why = f"usual step is {step:.4g}" if _ANEW * step > mean else f"mean step is {mean:.4g}"
     return chosen, f"the {why}, so an IMU's rate needs this unit", len(usual) == 1
+
+
+def _too_fast(accel: Float[np.ndarray, "rows 3"], step: float) -> bool:
+    """Whether rows `step` (s) apart turn from one steady direction to another faster than any device, several times."""
+    if len(accel) < _STEADY_ROWS:
+        return False
+    rows = np.lib.stride_tricks.sliding_window_view(accel[:_LOOKED_AT], _STEADY_ROWS, axis=0)
+    apart = _STEADY_ROWS + _TURNING_ROWS
+    mean, spread = rows.mean(axis=2), rows.std(axis=2).max(axis=1)
+    before, after = mean[:-apart], mean[apart:]
+    steady = np.maximum(spread[:-apart], spread[apart:]) < 0.1 * np.linalg.norm(
+        after - before, axis=1
+    )
+    fast = np.flatnonzero(steady & (angle_between(before, after) > _FASTEST * apart * step))
+    return len(fast) > 0 and int((np.diff(fast) > apart).sum()) + 1 >= _SEVERAL
 
 
 def _too_short(values: Float[np.ndarray, " rows"], unit: str) -> bool:

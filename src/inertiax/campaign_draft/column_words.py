@@ -174,7 +174,7 @@ LONG_TIME_UNITS = (
 )
 _DEGREE = r"(?:deg(?:re+s?)?|°|grad[ois]*)"
 RATE_UNITS = (
-    ("deg/h", rf"{_DEGREE}[ _]?(?:/|per|pro)[ _]?(?:h|std)|dph"),
+    ("deg/h", rf"{_DEGREE}[ _]?(?:/|per|pro)[ _]?(?:h|std)|dph|deg_?h(?:r|our)?(?![a-z])"),
     ("deg/s", rf"{_DEGREE}|dps|\bd/s"),
     (
         "rad/s",

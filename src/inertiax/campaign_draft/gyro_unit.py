@@ -19,11 +19,13 @@ _STATED = 0.06  # of a stated scale: raw MEMS gyros are off by up to that
 _ALIKE = np.deg2rad(0.3)  # of two misfits: cross-axis parts of some mrad over a right angle
 _NEXT = 1.5  # times as large is another scale
 _NEAR = 0.15  # of a unit or nominal scale: raw gyros are off by a few percent
+_PER_MILLI = 1000.0  # per deg/s
+_SCALES = (_PER_MILLI, *GYRO_SCALES)
+_NEAR_SCALE = 0.05  # of a usual converter's scale: its next one is further off
 _AGREES = np.deg2rad(
     10.0
 )  # median misfit of directions with the right factor; others are off by the turns themselves
 _MILLI = re.compile(r"\bmdps\b|_mdps|\bmdeg|milli_?deg", re.IGNORECASE)
-_PER_MILLI = 1000.0  # per deg/s
 _RAW = re.compile(
     r"lsb|raw|count|digit|(?<![a-z])adc"
 )  # words beside a unit that is not the numbers'
@@ -205,6 +207,10 @@ def _by_turns(
     else:
         also = () if stated is None else (stated.factor,)
         factor, misfit = turns.best((*_UNITS.values(), *also))
+        if misfit > _AGREES and turns.num_motions >= _MOTIONS_FOR_A_SCALE:
+            factor, misfit = turns.best([DEGREE / s for s in _SCALES])
+            if nearest(DEGREE / factor, _SCALES, _NEAR_SCALE) is None:
+                return None
     if misfit > _AGREES:
         return None
     if stated is not None:
@@ -221,8 +227,8 @@ def _by_turns(
     nominal = None
     if offset is None and not wide:
         own = () if companion is None else (companion.scale,)
-        sure = companion is not None and companion.sure and nearest(per_degree, own, 0.05)
-        nominal = nearest(per_degree, own if sure else (*own, *GYRO_SCALES), 0.05)
+        sure = companion is not None and companion.sure and nearest(per_degree, own, _NEAR_SCALE)
+        nominal = nearest(per_degree, own if sure else (*own, *_SCALES), _NEAR_SCALE)
     scale = nominal or rounded(per_degree)
     text = f"{what(misfit)}; the scale that fits best is {per_degree:.4g} count per deg/s"
     several = turns.num_motions >= _MOTIONS_FOR_A_SCALE

@@ -106,16 +106,14 @@ def _read(path: Path, log: RawLog, gyro_path: Path | None) -> RawTriads:
         log = as_text(log)
         roles = roles_of(log)
     log = _samples(log, roles)
-    clock = clock_of(log, roles.time, len(next(iter(log.numbers.values()))), roles.temperature)
     accel, gyro = columns(log, roles.accel), columns(log, roles.gyro)
+    clock = clock_of(log, roles.time, _rows(log), roles.temperature, accel)
     if gyro_path is None:
         found = RawTriads(log, roles, clock, None, None, clock.seconds, None, None)
         return in_rows(found, clock.seconds, accel, gyro)
     other = read_log(gyro_path)
     other_roles = roles_of(other, "gyro")
-    other_clock = clock_of(
-        other, other_roles.time, len(next(iter(other.numbers.values()))), other_roles.temperature
-    )
+    other_clock = clock_of(other, other_roles.time, _rows(other), other_roles.temperature)
     named_otherwise = log.has_header and clock.name not in (None, *other.stamps, *other.names)
     if named_otherwise and (other_clock.name is None or other_clock.unit != clock.unit):
         raise ValueError(

@@ -74,11 +74,10 @@ def beside_each(
 def _like(first: RawTriads, log: RawLog) -> RawTriads:
     """A further log of the device, with the columns of its first one."""
     rows = len(next(iter(log.numbers.values())))
-    clock = clock_of(log, first.clock.name, rows, first.roles.temperature)
+    accel, gyro = columns(log, first.roles.accel), columns(log, first.roles.gyro)
+    clock = clock_of(log, first.clock.name, rows, first.roles.temperature, accel)
     made = RawTriads(log, first.roles, clock, None, None, clock.seconds, None, None)
-    return in_rows(
-        made, clock.seconds, columns(log, first.roles.accel), columns(log, first.roles.gyro)
-    )
+    return in_rows(made, clock.seconds, accel, gyro)
 
 
 def beside(found: RawTriads, path: Path) -> Beside:
@@ -97,7 +96,7 @@ def beside(found: RawTriads, path: Path) -> Beside:
     if name is None:
         raise ValueError(f"{path}: no column of times in it, of which a table's log needs one.")
     log = without_repeats_of_stamps(log, name)
-    clock = clock_of(log, name, len(next(iter(log.numbers.values()))), None)
+    clock = clock_of(log, name, len(next(iter(log.numbers.values()))))
     if found.gyro is None:
         raise ValueError(
             f"{path}: a table's log of its own is put beside gyros, of which {found.log.path.name} has none."

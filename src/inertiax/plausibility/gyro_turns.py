@@ -33,8 +33,8 @@ _DEG = np.pi / 180
 FACTORS: tuple[float, ...] = (
     1.0,
     *(_DEG, 1 / _DEG, _DEG / 3600, 3600 / _DEG, 3600.0, 1 / 3600),
-    *(1e-3, 1e3, 1e-6, 1e6, 1e-3 * _DEG, 1e3 / _DEG),
-    *(_DEG / c for c in (131, 65.5, 32.8, 16.4, 114.2857, 57.142857, 28.571429, 14.285714, 14.375)),
+    *(1e3, 1e-6, 1e6, 1e3 / _DEG),
+    *(unit / c for unit in (_DEG, 1.0) for c in remedies.COUNTS_PER_DPS),
     *(0.5, 2.0, 0.25, 4.0, 0.125, 8.0),
 )
 _FOR_FACTOR = 12  # motions

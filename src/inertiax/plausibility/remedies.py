@@ -15,9 +15,9 @@ from .turns import order_and_signs
 
 
 _NEAR = 0.2  # relative; a unit's factor that is within this of what is asked for
-# Usual ranges of 16-bit converters, counts per unit.
+# Usual ranges of 16-bit converters, counts per unit; mdps.
 _COUNTS_PER_G = (16384, 8192, 4096, 2048, 1024, 256)
-_COUNTS_PER_DPS = (131, 65.5, 32.8, 16.4, 114.2857, 57.142857, 28.571429, 14.285714, 14.375)
+COUNTS_PER_DPS = (1000, 131, 65.5, 32.8, 16.4, 114.2857, 57.142857, 28.571429, 14.285714, 14.375)
 ANOTHER_SCALE = "another scale"
 _PLAIN = ("s", "ms", "us", "ns")
 
@@ -32,7 +32,7 @@ def usual_counts(kind: str, si_factor: float) -> tuple[float, str] | None:
     """Counts per g (deg/s) of a data sheet that make `si_factor` m/s² (rad/s) per count."""
     accel = kind.endswith("accel")
     base = 9.80665 if accel else np.pi / 180
-    for counts in _COUNTS_PER_G if accel else _COUNTS_PER_DPS:
+    for counts in _COUNTS_PER_G if accel else COUNTS_PER_DPS:
         if abs(base / counts / si_factor - 1.0) < 0.1:
             return float(counts), "count per g" if accel else "count per deg/s"
     return None
@@ -44,7 +44,7 @@ def is_usual(columns: ColumnMap, factor: float) -> bool:
     if not (said.scale_unit or "").startswith("count per deg/s"):
         return True  # not known to be unusual
     scales = np.ravel(np.asarray(said.scale, float)) / factor
-    return any(abs(scales[0] / usual - 1.0) < 0.1 for usual in _COUNTS_PER_DPS)
+    return any(abs(scales[0] / usual - 1.0) < 0.1 for usual in COUNTS_PER_DPS)
 
 
 def rate(columns: ColumnMap) -> float | None:
