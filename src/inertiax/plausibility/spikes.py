@@ -1,8 +1,9 @@
 """Single samples far off in the midst of quiet ones, also where no rest is left because of them."""
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
+from ..data.recording import Recording
 from .dead_channels import triads
 from .evidence import DeviceLogs, Log
 from .finding import Finding, finding
@@ -15,6 +16,7 @@ _TIMES = 12.0  # of the neighbours' standard deviation: a tap rings for several 
 _OF_ALL = 6.0  # of the 98 % quantile of all rows' distances from their neighbours
 _LEAST = {"accel": 0.5, "gyro": 0.05}  # m/s², rad/s
 _FEWEST = 3
+_A_MOTION = 0.2  # s: a table indexes, and a hand knocks, in one row of so slow a log
 _ENOUGH = 50_000  # rows, from which a quantile is told to some hundredths
 
 
@@ -23,8 +25,11 @@ def check_spikes(device: DeviceLogs, limits: Thresholds) -> list[Finding]:
     del limits
     found = []
     for log in device.logs:
+        if log.step >= _A_MOTION:
+            continue
         for name, values in triads(log):
             rows = _rows(values, _LEAST[name])
+            rows = rows[~_moves(log.recording, rows)]
             if len(rows) >= _FEWEST:
                 found.append(_told(log, name, rows))
     return found
@@ -46,6 +51,17 @@ def _rows(values: Float[np.ndarray, "time 3"], least: float) -> Int[np.ndarray, 
         quiet = 1.4826 * distance + around.std(axis=1)
         hits.append(rows[np.abs(values[rows, axis] - middle) > _TIMES * quiet])
     return np.unique(np.concatenate(hits))
+
+
+def _moves(recording: Recording, rows: Int[np.ndarray, " spike"]) -> Bool[np.ndarray, " spike"]:
+    """Whether a reference moves about these rows, or is not told there."""
+    moves = np.zeros(len(rows), bool)
+    for name, least in _LEAST.items():
+        reference = getattr(recording, f"reference_{name}")
+        if reference is not None:
+            still = np.abs(reference[rows + 1] - reference[rows - 1]) <= least
+            moves |= ~(still & (np.abs(reference[rows] - reference[rows - 1]) <= least)).all(axis=1)
+    return moves
 
 
 def _told(log: Log, name: str, rows: Int[np.ndarray, " spike"]) -> Finding:

@@ -3,11 +3,14 @@
 import numpy as np
 from jaxtyping import Float
 
-from ..data.formats.delay import delay_of, evened
+from ..data.formats.delay import delay_of, evened, misfit_with
 from .evidence import DeviceLogs, Log
 from .finding import Finding, finding
 from .table_drift import drift_of_table
 from .thresholds import Thresholds
+
+
+_EXPLAINED = 0.25  # of the misfit is left at the most by a delay of less than a row
 
 
 def check_table_delay(device: DeviceLogs, limits: Thresholds) -> list[Finding]:
@@ -52,7 +55,12 @@ def _late(log: Log) -> tuple[float, float] | None:
     if gyro is None or reference is None:
         return None
     one, other = (evened(time, _speed(x)) for x in (gyro, reference))
-    return delay_of(time, one, time, other)
+    found = delay_of(time, one, time, other)
+    if found is None or abs(found[0]) >= log.step:
+        return found
+    # A part of a row is resolved where turns last several rows: else rows that are means over their step seem late.
+    left, given = (misfit_with(time, one, other, d) for d in (found[0], 0.0))
+    return found if left < _EXPLAINED * given else None
 
 
 def _right(device: DeviceLogs, late: dict[int, float], one: float) -> str | None:

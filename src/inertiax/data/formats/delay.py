@@ -68,6 +68,17 @@ def delay_of(
     return best, float(np.sqrt(max(variance, 0.0)))
 
 
+def misfit_with(
+    time: Float[np.ndarray, " rows"],
+    speed: Float[np.ndarray, " rows"],
+    other: Float[np.ndarray, " rows"],
+    delay: float,
+) -> float:
+    """What a delay (s) leaves where `delay_of` looks: the mean square beside a multiple of the other speed."""
+    rows = _telling(time, time, other)
+    return _misfit(speed[rows], np.interp(time[rows] + delay, time, other))
+
+
 class Clocks(NamedTuple):
     """How late one clock is against another: $T = s + 10^{-6} d\\,(s - T_0)$, $s = t + \\tau$, at the device's $t$."""
 
