@@ -13,6 +13,7 @@ from .rests import usual_step
 
 SHORTEST = 0.5  # s; a smooth ramp's flat top is far shorter
 FEWEST = 4  # samples
+STANDS = 1.5  # Earth rates, up to which a table stands: Earth's rate and what its angles' digits make of standing
 TURNING = 4.0  # Earth rates, from which a table turns; a rest whose label is -1 is no plateau
 RELATIVE = 1e-3  # 1/s, change of the rate over itself that is still constant
 BY_EARTH = 2.0  # Earth rates a second: the Earth's rate turns in the case at the table's rate
@@ -121,3 +122,25 @@ def without_unsaid_ramps(
         )
         first[k], last[k] = a + up, b - down
     return first, last
+
+
+def turning_rows(
+    rate: Float[np.ndarray, "time 3"], moves: Bool[np.ndarray, " time"]
+) -> Bool[np.ndarray, " time"]:
+    """Rows in which a table turns, with those before and after in which it hardly does: by its angles a row before and
+    after, its rate begins early and ends late, and a thousandth of a move in a rest is a bias."""
+    speed = np.linalg.norm(rate, axis=1)
+    turning = speed > TURNING * EARTH_RATE
+    begun = speed > STANDS * EARTH_RATE
+    start = np.flatnonzero(np.diff(begun, prepend=False) & begun)
+    touches = (
+        np.logical_or.reduceat(and_beside(turning | moves) & begun, start) if len(start) else start
+    )
+    run = np.cumsum(np.diff(begun, prepend=False) & begun) - 1
+    begun[begun] = touches[run[begun]]
+    return turning | and_beside(begun)
+
+
+def and_beside(rows: Bool[np.ndarray, " time"]) -> Bool[np.ndarray, " time"]:
+    """The rows, and the one before and after each."""
+    return rows | np.append(False, rows[:-1]) | np.append(rows[1:], False)

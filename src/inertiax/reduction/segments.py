@@ -18,7 +18,17 @@ from ..physics.directions import FEWEST_DIRECTIONS, num_directions
 from ..physics.vectors import angle_between
 from ..physics.wgs84 import EARTH_RATE
 from .handling import Disturbance, undisturbed
-from .plateaus import plateaus, SHORTEST, steady_steps, TURNING, without_ramps, without_unsaid_ramps
+from .plateaus import (
+    and_beside,
+    plateaus,
+    SHORTEST,
+    STANDS,
+    steady_steps,
+    TURNING,
+    turning_rows,
+    without_ramps,
+    without_unsaid_ramps,
+)
 from .rests import find_rests, PAUSE, Rests, usual_step
 from .slow_turn import slow_turn
 
@@ -215,10 +225,9 @@ def _found(recording: Recording, window: float) -> Segments:
     if recording.position is not None:
         return _planned(recording, recording.position)
     if recording.reference_gyro is not None:
-        rate = np.linalg.norm(recording.reference_gyro, axis=1)
-        still = rate <= 1.5 * EARTH_RATE
+        still = np.linalg.norm(recording.reference_gyro, axis=1) <= STANDS * EARTH_RATE
         # As of plateaus: at its ends a rest still moves, or already, where a table writes fewer rows than the device.
-        inside = still & np.append(True, still[:-1]) & np.append(still[1:], True)
+        inside = ~and_beside(~still)
         runs = np.cumsum(np.diff(still, prepend=still[0]))
         # Between a ramp and the next move a table hardly turns, and is not at rest.
         brief = np.bincount(runs)[runs] * usual_step(recording) < SHORTEST
@@ -336,8 +345,7 @@ def _planned(
     A station that numbers its rates as it numbers its positions means plateaus where the reference turns.
     """
     if recording.position is not None and recording.reference_gyro is not None:
-        turning = np.linalg.norm(recording.reference_gyro, axis=1) > TURNING * EARTH_RATE
-        position = np.where(turning, -1, position)
+        position = np.where(turning_rows(recording.reference_gyro, position < 0), -1, position)
     breaks = np.diff(position) != 0
     if recording.experiment is not None:
         breaks |= np.diff(recording.experiment) != 0

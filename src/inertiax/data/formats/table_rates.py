@@ -26,6 +26,7 @@ _BASE = 0.1  # s to either side, over which the angles alone say a rate
 _TAIL, _TAIL_SHARE, _LONGEST_TAIL = 0.1, 0.08, 2.0
 _WOBBLE = 2e-3  # of a rate, by which a table that holds it may miss it (convention)
 _SHORT = 1e-4  # of the angle through which an axis turns at a constant rate, by which that may miss it (convention)
+_SELDOM = 0.02  # of the rows in which an axis stands, that it may step in (convention)
 _HELD = 0.5  # s, the shortest stretch of constant rate
 _JUMP = 0.5  # of the rate, from one row's side to the other: no table speeds up so fast
 _ROUNDED = (
@@ -90,6 +91,7 @@ def rates_by_axis(
     unsaid = (unsaid | zero & _beside(unsaid, time)) & np.isfinite(spent)
     if held > 1:  # over fewer rows: the angles' own change, no mean of it
         turn, spent = _change(without_stairs(angles, time), time, 1)
+    unsaid |= _steps(angles, time, zero & ~unsaid & np.isfinite(spent))
     rates[unsaid] = turn[unsaid] / spent[unsaid, None]
     rates += _late(angles, time, near, rates, ~zero)
     return rates
@@ -279,6 +281,28 @@ def _turning(
         some = (turns(came) | turns(goes)).any(axis=1)
     ends = inside[before] | inside[after]
     return unsaid & (inside | ends & some) & np.isfinite(came + goes).all(axis=1)
+
+
+def _steps(
+    angles: Float[np.ndarray, "rows axes"],
+    time: Float[np.ndarray, " rows"],
+    stands: Bool[np.ndarray, " rows"],
+) -> Bool[np.ndarray, " rows"]:
+    """Rows about which an axis that stands steps by arc seconds, as where it is told to go to where it is nearly.
+
+    A move's mean rate would lack them. None where it does so all the time: that is how its servo stands.
+    """
+    step = np.abs(whole_turns_away(np.diff(angles, axis=0)))
+    among = stands[1:] & stands[:-1] & np.isfinite(step).all(axis=1)
+    if not among.any():
+        return np.zeros(len(angles), bool)
+    least = np.maximum(_SIGMAS * _noise(step[among]), _ROUNDED * _digit(angles))
+    seldom = (step[among] > least).mean(axis=0) <= _SELDOM
+    seen = (
+        _SLOW * np.diff(time)[:, None]
+    )  # by `_turning`, or a jump from one part of a log to the next
+    found = among & ((step > least) & (step < seen) & seldom).any(axis=1)
+    return np.append(found, False) | np.append(False, found)
 
 
 def _beside(
