@@ -20,6 +20,7 @@ from inertiax.reduction.dwell_means import reduce_to_dwells
 from inertiax.reduction.dwells import Dwells
 from inertiax.reduction.positionings import shared_positionings
 from inertiax.reduction.rig_errors import with_rig_errors
+from inertiax.reduction.segments import segment
 
 
 G = 9.81
@@ -235,3 +236,17 @@ def test_a_diagnosis_sees_the_covariance_of_a_shared_rotation():
     assert not made[3].any() and np.isnan(own[3]).all()
     # The rate's error is drawn for each plateau, and along an axis is one channel's own.
     np.testing.assert_allclose(own[:3], np.square(RATE * reading[:3]), rtol=1e-12)
+
+
+@pytest.mark.parametrize("seconds", [6.0, 30.0])
+def test_a_smooth_move_has_no_plateau(seconds):
+    u = np.linspace(0.0, 1.0, round(50 * seconds))
+    rate = np.concatenate(
+        [np.zeros(500), 5.0 / seconds * (1.0 - np.cos(2 * np.pi * u)), np.zeros(500)]
+    )
+    known = rate[:, None] * Z
+    time = np.arange(len(rate)) / 50.0
+    accel = np.tile(G * Z, (len(rate), 1))
+    recording = Recording(time, accel=accel, gyro=known, reference_gyro=known)
+    found = segment(recording)
+    assert list(found.resting) == [True, True]

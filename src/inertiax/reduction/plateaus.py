@@ -14,6 +14,7 @@ from .rests import usual_step
 SHORTEST = 0.5  # s; a smooth ramp's flat top is far shorter
 FEWEST = 4  # samples
 STANDS = 1.5  # Earth rates, up to which a table stands: Earth's rate and what its angles' digits make of standing
+STOOD = 0.01  # Earth rates, by which a rest's reference may change from row to row
 TURNING = 4.0  # Earth rates, from which a table turns; a rest whose label is -1 is no plateau
 RELATIVE = 1e-3  # 1/s, change of the rate over itself that is still constant
 BY_EARTH = 2.0  # Earth rates a second: the Earth's rate turns in the case at the table's rate
@@ -28,6 +29,7 @@ MOST_NOISE = (
 )  # Earth rates, and of the rate: a measured reference is not noisier than that
 
 RAMP = 0.1  # s, from which what the gyros still change at an end of a plateau is a ramp, and no lag of theirs
+BOWED = 2e-3  # of the rate: its middle half less its ends; as a table that holds a rate may miss it (convention)
 RAMP_SHARE = 0.05  # of the rate: by how much they are off at that end
 MIDDLE_SHARE = 0.1  # of the rate: what they may scatter in the middle
 BEYOND = 1.5  # times the largest scatter in the middle
@@ -60,12 +62,22 @@ def steady_steps(recording: Recording) -> Bool[np.ndarray, " step"]:
 def plateaus(
     recording: Recording, start: Int[np.ndarray, " run"], stop: Int[np.ndarray, " run"]
 ) -> Bool[np.ndarray, " run"]:
-    """Which runs of steady rows are plateaus: they turn, and last for half a second and four samples."""
-    assert recording.reference_gyro is not None
-    middle = recording.reference_gyro[(start + stop) // 2]
-    turns = np.linalg.norm(middle, axis=1) > TURNING * EARTH_RATE
+    """Which runs of steady rows are plateaus: they turn, for half a second and four samples, at a rate that is neither
+    growing nor bowed. In a smooth move it is: at first it grows by less than a twentieth from row to row."""
+    rate = recording.reference_gyro
+    assert rate is not None
+    speed = np.linalg.norm(rate[(start + stop) // 2], axis=1)
     lasts = recording.time[stop - 1] - recording.time[start] >= SHORTEST
-    return turns & lasts & (stop - start >= FEWEST)
+    found = (speed > TURNING * EARTH_RATE) & lasts & (stop - start >= FEWEST)
+    for k in np.flatnonzero(found):
+        quarter = (stop[k] - start[k]) // 4
+        first, second, third, last = (
+            rate[start[k] : stop[k]][: 4 * quarter].reshape(4, quarter, 3).mean(axis=1)
+        )
+        grown = np.linalg.norm(last - first) - RAMP_SHARE * speed[k]
+        bowed = 0.5 * np.linalg.norm(second + third - first - last) - BOWED * speed[k]
+        found[k] = max(grown, bowed) <= BY_EARTH * EARTH_RATE  # which turns in the case
+    return found
 
 
 def without_ramps(
@@ -132,13 +144,16 @@ def turning_rows(
     speed = np.linalg.norm(rate, axis=1)
     turning = speed > TURNING * EARTH_RATE
     begun = speed > STANDS * EARTH_RATE
-    start = np.flatnonzero(np.diff(begun, prepend=False) & begun)
+    first = np.diff(begun, prepend=False) & begun
+    start = np.flatnonzero(first)
     touches = (
         np.logical_or.reduceat(and_beside(turning | moves) & begun, start) if len(start) else start
     )
-    run = np.cumsum(np.diff(begun, prepend=False) & begun) - 1
-    begun[begun] = touches[run[begun]]
-    return turning | and_beside(begun)
+    begun[begun] = touches[np.cumsum(first)[begun] - 1]
+    # A row beside them counts to the rest where its rate is that of the row behind it.
+    changes = np.linalg.norm(np.diff(rate, axis=0), axis=1) > STOOD * EARTH_RATE
+    late, early = np.append(False, begun[:-1]), np.append(begun[1:], False)
+    return turning | begun | late & np.append(changes, False) | early & np.append(False, changes)
 
 
 def and_beside(rows: Bool[np.ndarray, " time"]) -> Bool[np.ndarray, " time"]:
