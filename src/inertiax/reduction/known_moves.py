@@ -29,6 +29,9 @@ SMALLEST = np.deg2rad(5.0)  # rad, of the turn: less tells nothing that a rest d
 # Of the path: by how much the gyros' turn may differ from the reference's. Errors of scale are below a twentieth; a
 # station that writes no rate, or another axis', while it moves is off by all of it (convention).
 DIFFERS = 0.2
+# rad from row to row: rows and reference may be half a row apart, over which the Earth's rate and another axis' turn in
+# the case, by some 1e-4 rad in a move of two rows (convention).
+COARSE = np.deg2rad(10.0)
 
 
 def with_known_moves(
@@ -156,11 +159,13 @@ def _follows(
     known: Float[np.ndarray, "row 3"],
     time: Float[np.ndarray, " row"],
 ) -> bool:
-    """Whether a reference turns, and the gyros as it says."""
+    """Whether a reference turns in small steps, and the gyros as it says."""
     speed = np.linalg.norm(known, axis=1)
     if not np.all(np.isfinite(known)) or speed.max() <= TURNING * EARTH_RATE:
         return False
     step = np.gradient(time)
+    if (speed * step).max() > COARSE:
+        return False
     path = float(speed @ step)
     missed = float(np.linalg.norm(step @ (rate - known)))
     return path > SMALLEST and missed < DIFFERS * path
