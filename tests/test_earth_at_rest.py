@@ -5,6 +5,7 @@ turns with the Earth.
 """
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from scipy.spatial.transform import Rotation
 from inertiax.calibrate.pipeline import calibrate_device
 from inertiax.data.recording import Campaign, ModelChoice, Recording, Rig, Site
 from inertiax.diagnose import diagnose
+from inertiax.diagnose.pipeline import diagnose_campaign
 from inertiax.reduction.dwell_means import reduce_to_dwells
 from inertiax.reduction.dwells import Dwells
 from inertiax.reduction.earth_at_rest import (
@@ -203,3 +205,17 @@ def test_a_table_with_a_vertical_axis_knows_what_its_headings_leave_of_the_gyros
         scores.append((np.asarray(found.parameters(20.0))[:3] - BIAS) / sigma)
     # 24 numbers: a root mean square is known to 1 / sqrt(48) = 14 %; within three of them.
     assert np.sqrt(np.mean(np.square(scores))) == pytest.approx(1.0, abs=0.43)
+
+
+@pytest.mark.slow
+def test_the_calibration_beside_a_named_effect_has_earth_rate_taken_away_once():
+    """A log with and without 300 µg/g² on an axis that is named: the gyros' biases are the same."""
+    plain = log(1)
+    force = plain.accel.copy()
+    force[:, 0] += 3e-4 / G * np.square(force[:, 0])
+    campaigns = [Campaign((replace(plain, accel=a),), SITE) for a in (plain.accel, force)]
+    (_, before), (found, after) = (diagnose_campaign(c) for c in campaigns)
+    assert [e.name for e in found.effects] == ["second_order"] and after.effects
+    change = np.asarray(after.gyro.curve.coefficients)[0, :3]
+    change = change - np.asarray(before.gyro.curve.coefficients)[0, :3]
+    assert np.abs(change).max() < 0.01 * OMEGA
