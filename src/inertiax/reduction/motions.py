@@ -21,7 +21,8 @@ class Motions(Module):
 
     gyro: Float[AnyArray, "*dwell sample 3"]  # rad/s, from the last sample of the rest before
     step: Float[AnyArray, "*dwell step"]  # s, between those samples
-    start_force: Float[AnyArray, "*dwell 3"]  # m/s², compensated, at the rest before
+    # m/s², compensated, at the rest before, turned with the Earth for the motion's time where a reference tells
+    start_force: Float[AnyArray, "*dwell 3"]
     start_covariance: Float[AnyArray, "*dwell 3 3"]  # of that mean, (m/s²)²
     noise: Float[AnyArray, " *dwell"]  # rad², of the integrated rate about each axis
     valid: Bool[AnyArray, " *dwell"]

@@ -305,11 +305,16 @@ def _gather(
     clock = lambda k: times[k] if k in times else recordings[k].time
     step = np.diff([clock(rest.recording)[i] for rest, i in zip(rests, index)], axis=1)
     duration = step.sum(axis=1)
-    accel, covariance = np.asarray(dwells.accel), np.asarray(dwells.accel_covariance)
+    start, covariance = np.asarray(dwells.accel)[before], np.asarray(dwells.accel_covariance)
+    if dwells.reference_gyro is not None:
+        # The Earth turns the vertical against what the gyros keep: u ← u + T Ω × u, 3 mrad a minute.
+        start = start + np.cross(
+            duration[:, None] * np.asarray(dwells.reference_gyro)[before], start
+        )
     return Motions(
         gyro=pick("gyro"),
         step=step,
-        start_force=accel[before],
+        start_force=start,
         start_covariance=covariance[before],
         noise=0.5 * (walk + walk[before]) * duration + (max(wander, _LEAST_SIGMA) * duration) ** 2,
         valid=pairs,
