@@ -120,7 +120,7 @@ def test_outputs_go_back_to_recordings_that_are_listed_in_another_order_than_the
     campaign = Campaign(tuple(made), Site(gravity=G))
     log = join(campaign)
     assert np.all(np.diff(log.time) > 0) and log.recording[0] == 0
-    twice = with_outputs(campaign, dataclasses.replace(log, accel=2.0 * log.accel), log)
+    twice = with_outputs(campaign, dataclasses.replace(log, accel=2.0 * log.accel))
     for recording, given in zip(twice.recordings, made, strict=True):
         np.testing.assert_array_equal(recording.accel, 2.0 * given.accel)
         np.testing.assert_array_equal(recording.time, given.time)

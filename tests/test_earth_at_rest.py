@@ -14,7 +14,9 @@ from scipy.spatial.transform import Rotation
 from inertiax.calibrate.pipeline import calibrate_device
 from inertiax.data.recording import Campaign, ModelChoice, Recording, Rig, Site
 from inertiax.diagnose import diagnose
+from inertiax.diagnose.observations.motion_rows import motion_rows
 from inertiax.diagnose.pipeline import diagnose_campaign
+from inertiax.diagnose.problem import prepare
 from inertiax.reduction.dwell_means import reduce_to_dwells
 from inertiax.reduction.dwells import Dwells
 from inertiax.reduction.earth_at_rest import (
@@ -234,3 +236,18 @@ def test_gravity_turns_with_the_earth_while_the_device_moves_where_a_reference_t
     matrix = [k for k, name in enumerate(found.estimator.names) if "matrix" in name]
     off = np.asarray(found.solution.curve.coefficients)[0][matrix]
     assert np.abs(off).max() < 5e-4
+
+
+def test_a_diagnosis_of_a_hand_log_has_its_motions_whether_or_not_the_latitude_is_known():
+    for site in (Site(G), SITE):
+        problem = prepare(Campaign((log(1),), site))
+        rows = motion_rows(problem.campaign, problem.log, problem.fitted)
+        assert rows is not None and rows.blocks.num_blocks == 46  # two of each of 23
+
+
+@pytest.mark.slow
+def test_a_diagnosis_of_gravitys_turn_beside_a_reference_misses_no_earth_rate():
+    model = ModelChoice(gyro_estimator="gravity")
+    slow = log(2, rests=16, seconds=20.0, told=True)
+    found = diagnose(Campaign((slow,), SITE, model=model, grade="tactical"))
+    assert found.verdict == "consistent"

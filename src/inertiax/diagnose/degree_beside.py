@@ -119,9 +119,7 @@ def chosen_again(problem: Problem, findings: Sequence[Finding]) -> Again | None:
         return None
     try:
         found = calibrate_device(
-            with_outputs(problem.campaign, log, problem.log),
-            checked=True,
-            segments=problem.plain.segments,
+            with_outputs(problem.campaign, log), checked=True, segments=problem.plain.segments
         )
     except ValueError:
         return None

@@ -129,16 +129,16 @@ def prepare(
         noise.require(campaign.rig)
     make_room()
     found = segment_each(campaign.recordings, held=True)
-    log = recorded = join(campaign, found=found)
+    log = join(campaign, found=found)
     numbered = of_one_device(campaign.recordings, found, moves=take_moves(campaign.model))
     segments = tuple(s.without_held() for s in numbered)
     plain = calibrate_device(campaign, checked=True, model=model, segments=segments)
     fitted = plain
     delays: dict[str, Delay] = {}
     if any(e.stream_delay for e in catalogue):
-        log, delays = _delays(recorded, plain)
+        log, delays = _delays(log, plain)
     if any(d.found for d in delays.values()):
-        campaign = with_outputs(campaign, log, recorded)
+        campaign = with_outputs(campaign, log)
         fitted = calibrate_device(
             campaign, model=plain.model, checked=True, segments=plain.segments
         )
@@ -220,24 +220,16 @@ def _delays(log: Log, fitted: DeviceResult) -> tuple[Log, dict[str, Delay]]:
     return log, delays
 
 
-def with_outputs(campaign: Campaign, log: Log, before: Log) -> Campaign:
-    """The campaign with the change of the outputs from the log `before`, which is the campaign's, to `log`.
+def with_outputs(campaign: Campaign, log: Log) -> Campaign:
+    """The campaign with the outputs of its log, whose rows are those of the recordings in order of time.
 
-    No log's outputs are those recorded: its gyros are without Earth's rate at rest, which a calibration takes away
-    itself. Rows of a log are those of the recordings in order of time; the campaign's recordings stay in their own
-    order, in which what was found in them is listed.
+    Its recordings stay in their own order, in which what was found in them is listed.
     """
     place = {id(r): k for k, r in enumerate(in_order(campaign.recordings))}
     made = []
     for recording in campaign.recordings:
         mine = log.recording == place[id(recording)]
-        outputs = [
-            None if x is None or new is None or old is None else x + (new - old)[mine]
-            for x, new, old in (
-                (recording.accel, log.accel, before.accel),
-                (recording.gyro, log.gyro, before.gyro),
-            )
-        ]
+        outputs = [None if x is None else x[mine] for x in (log.accel, log.gyro)]
         made.append(
             eqx.tree_at(
                 lambda r: (r.accel, r.gyro), recording, outputs, is_leaf=lambda x: x is None

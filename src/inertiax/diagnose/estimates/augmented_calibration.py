@@ -49,7 +49,7 @@ def augmented_calibration(
     log = problem.log
     for one in named:
         log = without_effects(log, one)
-    campaign = with_outputs(problem.campaign, log, problem.log)
+    campaign = with_outputs(problem.campaign, log)
     estimate = calibrate_device(
         campaign, model=problem.plain.model, checked=True, segments=problem.plain.segments
     )

@@ -20,7 +20,7 @@ from ...reduction.dwells import is_told
 from ...reduction.known_moves import take_moves
 from ...reduction.positionings import attitudes
 from ...reduction.segments import joined, rests_are_searched, segment_each, Segments
-from .without_earth import without_earth
+from .without_earth import earth_taken_away
 
 
 MOST_BLOCKS = 1600
@@ -46,6 +46,9 @@ class Log(eqx.Module):
     reference_accel: Float[np.ndarray, "time 3"] | None
     reference_gyro: Float[np.ndarray, "time 3"] | None
     segments: Segments  # in rows of the log
+    earth: Float[np.ndarray, "time 3"] | None = (
+        None  # rad/s, of the gyros at rest: not in the blocks' means
+    )
     latitude: float | None = None  # rad
     supply: Float[np.ndarray, " time"] | None = None  # V
     searched: bool = False  # whether rests were found in the data, so that nobody vouches for them
@@ -162,9 +165,6 @@ def join(
                 f"{recording.name}: it never lies still for long, and what turns it looks like physics of the sensor; "
                 "a diagnosis needs rests of seconds in each orientation (`inertiax calibrate` does without)."
             )
-    gyro = _column(recordings, "gyro")
-    if gyro is not None:
-        gyro = without_earth(gyro, recordings, segments, campaign)
     return Log(
         time=time - time[0],
         clock=np.concatenate([r.time for r in recordings]),
@@ -172,9 +172,12 @@ def join(
         experiment=np.concatenate(experiment),
         position=np.concatenate([_positions(r, s) for r, s in zip(recordings, segments)]),
         temperature=None if probe is None else probe[:, 0],
-        **{k: _column(recordings, k) for k in ("accel", "reference_accel", "reference_gyro")},
-        gyro=gyro,
+        **{
+            k: _column(recordings, k)
+            for k in ("accel", "gyro", "reference_accel", "reference_gyro")
+        },
         segments=joined(segments),
+        earth=earth_taken_away(recordings, segments, campaign.site),
         latitude=campaign.site.latitude,
         # Optional even where some files have it: what only some tell is not tested.
         supply=None if any(r.supply is None for r in recordings) else _column(recordings, "supply"),
@@ -271,6 +274,8 @@ def _summarise(log: Log, start: np.ndarray, stop: np.ndarray, dwell: np.ndarray)
         # What a point beside the axes feels in a move, its mean rate does not tell.
         stated[(block_mean(lacking, start, stop) > 0.0) | move] = 0.0
     time, gyro = block_mean(log.time, start, stop), mean(log.gyro)
+    if gyro is not None and log.earth is not None:
+        gyro = gyro - block_mean(log.earth, start, stop)
     rate = mean(log.reference_gyro)
     attitude = dwell
     if stated is not None and rate is not None:

@@ -1,32 +1,27 @@
-"""The gyros of a log without what the calibration takes away of Earth's rate at rest."""
+"""What a calibration takes away of Earth's rate, from the gyros of a log's rests."""
 
 from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Float
 
-from ...data.recording import Campaign, Recording
-from ...reduction.earth_at_rest import is_told_beside_gravity, vertical_earth_rate
+from ...data.recording import Recording, Site
+from ...reduction.earth_at_rest import vertical_earth_rate
 from ...reduction.segments import Segments
 
 
-def without_earth(
-    gyro: Float[np.ndarray, "time 3"],
-    recordings: Sequence[Recording],
-    segments: Sequence[Segments],
-    campaign: Campaign,
-) -> Float[np.ndarray, "time 3"]:
-    """Gyros whose rests are without what the calibration takes away of Earth's rate (`without_earth_rate`)."""
-    gyro, first = gyro.copy(), 0
-    all_of_it = is_told_beside_gravity(campaign)
+def earth_taken_away(
+    recordings: Sequence[Recording], segments: Sequence[Segments], site: Site
+) -> Float[np.ndarray, "time 3"] | None:
+    """What `without_vertical_earth_rate` takes away from the gyros at rest, rad/s; `None` where that is nothing.
+
+    A reference holds Earth's rate in the rows of all models, of gravity's rotation as well.
+    """
+    made, first = np.zeros((sum(r.num_samples for r in recordings), 3)), 0
     for recording, part in zip(recordings, segments, strict=True):
-        known = recording.reference_gyro
-        rests = zip(part.start[part.resting], part.stop[part.resting], strict=True)
-        for a, b in rests:
-            if known is not None and all_of_it:
-                gyro[first + a : first + b] -= known[a:b].mean(axis=0)
-            elif known is None and recording.accel is not None:
+        if recording.reference_gyro is None and recording.accel is not None:
+            for a, b in zip(part.start[part.resting], part.stop[part.resting], strict=True):
                 force = recording.accel[a:b].mean(axis=0)[None]
-                gyro[first + a : first + b] -= vertical_earth_rate(force, campaign.site)
+                made[first + a : first + b] = vertical_earth_rate(force, site)
         first += recording.num_samples
-    return gyro
+    return made if made.any() else None
