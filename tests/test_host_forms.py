@@ -91,7 +91,8 @@ def _jax_form(estimator, vectors, dwells):
         rows = estimator.residual(vector, dwell)
         return rows, jax.jacfwd(estimator.residual)(vector, dwell), *estimator.misfit(vector, dwell)
 
-    return [np.asarray(x) for x in jax.vmap(one)(jnp.asarray(vectors), dwells)]
+    # One program: a hundred small ones take five times as long to compile.
+    return [np.asarray(x) for x in jax.jit(jax.vmap(one))(jnp.asarray(vectors), dwells)]
 
 
 @pytest.mark.parametrize("name", CASES)
@@ -121,16 +122,20 @@ def test_both_forms_compensate_compose_and_start_alike(name):
     form = host_form(estimator)
     # Rounding of a 3 × 3 inverse, some ulp of the largest number.
     close = lambda a, b: np.testing.assert_allclose(a, b, rtol=1e-12, atol=1e-13 * np.abs(b).max())
-    refined = jax.vmap(estimator.compensate)(jnp.asarray(first), dwells)
+    refined = jax.jit(lambda *each: jax.vmap(estimator.compensate)(*each))(
+        jnp.asarray(first), dwells
+    )
     for a, b in zip(jax.tree.leaves(form.compensate(first, dwells)), jax.tree.leaves(refined)):
         if np.issubdtype(np.asarray(b).dtype, np.floating):
             close(np.asarray(a), np.asarray(b))
         else:
             assert np.array_equal(a, b)
-    composed = jax.vmap(estimator.compose)(jnp.asarray(first), jnp.asarray(second))
+    composed = jax.jit(lambda *each: jax.vmap(estimator.compose)(*each))(
+        jnp.asarray(first), jnp.asarray(second)
+    )
     close(form.compose(first, second), np.asarray(composed))
     # The ellipsoid's normal matrix has a condition number of 10⁴ on these random positions.
-    start = np.asarray(estimator.start(dwells))
+    start = np.asarray(jax.jit(lambda d: estimator.start(d))(dwells))
     np.testing.assert_allclose(form.start(dwells), start, rtol=1e-9, atol=1e-10)
 
 
