@@ -1,6 +1,7 @@
 """Names that rests left out do not exclude, by hand: rows in which the terms differ in as many dwells as one likes."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import equinox as eqx
 import jax
@@ -9,6 +10,7 @@ import pytest
 import scipy.stats
 
 from diagnose_data import tumble
+from inertiax.diagnose import findings
 from inertiax.diagnose.estimates.predicted_rivals import named_instead, with_predicted_rivals
 from inertiax.diagnose.problem import prepare
 from inertiax.diagnose.selection.evidence import Candidate
@@ -71,6 +73,32 @@ def test_a_name_that_is_left_out_takes_its_part_of_the_odds(rows):
     lead = candidate(rows, "second_order", np.ones(len(rows[2])), np.log(35.0))
     left_out = candidate(rows, "third_order", np.ones(len(rows[2])), 0.0)
     assert Named(lead, 1e-9, (), (left_out,)).odds == pytest.approx([35.0 / 36.0])
+
+
+@pytest.mark.parametrize(("chance", "told"), [(1e-6, True), (0.2, False)])
+def test_a_rival_that_lowers_the_rms_takes_the_place_of_a_name_that_raises_it(
+    rows, monkeypatch, chance, told
+):
+    """Two dwells differ: the name has one of them and one that does not, the rival has both."""
+    within = lambda *dwells: np.isin(rows[2], dwells).astype(float)
+    lead = candidate(rows, "scale_asymmetry", within(0, 12), 50.0)
+    rival = candidate(rows, "second_order", within(0, 6), 49.0)
+    made = object.__new__(findings.Finding)  # what the search found beside these is not asked
+    answer = SimpleNamespace(
+        verdict="missing-physics",
+        named=(Named(lead, 1e-9, (rival,)),),
+        tests=SimpleNamespace(p_value=lambda _: chance),
+    )
+    vars(made).update(prepared=seen(rows, within(0, 6)), answer=answer, scores=())
+    found = []
+    monkeypatch.setattr(findings, "_with_names", lambda made, kept: found.extend(kept) or made)
+    findings._as_stated(made)
+    if not told:
+        assert found == []
+        return
+    (named,) = found
+    assert named.candidate is rival and named.p_value == chance
+    assert [(r.term.name, r.evidence) for r in named.rivals] == [("scale_asymmetry", 49.0)]
 
 
 def test_a_name_that_predicts_as_well_stands_in_place_of_an_unlisted_dependence(rows):

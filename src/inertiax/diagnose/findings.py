@@ -12,7 +12,7 @@ from .candidates.empirical import PREFIX
 from .candidates.signatures import Term
 from .estimates import single_rests
 from .estimates.persistence import lowers_rms, persists, predicts
-from .estimates.predicted_rivals import named_instead, with_predicted_rivals
+from .estimates.predicted_rivals import led_by, named_instead, with_predicted_rivals
 from .estimates.separable import renewed
 from .estimates.transients import Burst, find_bursts, swallows
 from .noise.reml import fit_noise
@@ -130,19 +130,35 @@ def find(
 def _as_stated(made: Finding) -> Finding:
     """The finding without names that raise the rms of data left out, one after another from the last.
 
-    What was named beside one that goes must be rare without it, too.
+    A rival that the rows do not exclude either takes such a name's place where it lowers that rms. What was named
+    beside one that goes must be rare without it, too.
     """
     prepared, kept = made.prepared, list(made.answer.named)
     if made.answer.verdict != "missing-physics":
         return made
 
-    def stands(named: Named) -> bool:
-        others = [n.candidate.term for n in kept if n is not named]
+    def stands(named: Named, others: list[Term]) -> bool:
         lowers = lowers_rms(prepared, named.candidate.term, others)
         return lowers and (len(kept) == len(made.answer.named) or _rare(made, named, others))
 
-    while fallen := [n for n in kept if not stands(n)]:
-        kept.remove(fallen[-1])
+    came: list[Named] = []  # in another's place; not left for a third, so that this comes to an end
+
+    def instead(named: Named, others: list[Term]) -> list[Named]:
+        tests = made.answer.tests
+        rare = (r for r in named.rivals if tests.p_value(r) < STILL)
+        again = (led_by(r, named, tests.p_value(r)) for r in rare if named not in came)
+        return [n for n in again if stands(n, others)][:1]
+
+    place = len(kept) - 1
+    while place >= 0:
+        others = [n.candidate.term for k, n in enumerate(kept) if k != place]
+        if stands(kept[place], others):
+            place -= 1
+            continue
+        found = instead(kept[place], others)
+        came += found
+        kept[place : place + 1] = found
+        place = len(kept) - 1
     return _with_names(made, kept)
 
 
@@ -158,9 +174,10 @@ def _as_at_first(made: Finding, first: Finding) -> Finding:
 
 def _with_names(made: Finding, kept: list[Named]) -> Finding:
     """The finding with some of its names, under the noise that is fitted beside those."""
-    if len(kept) == len(made.answer.named) or made.answer.verdict != "missing-physics":
-        return made
     terms = [n.candidate.term for n in kept]
+    same = terms == [n.candidate.term for n in made.answer.named]
+    if same or made.answer.verdict != "missing-physics":
+        return made
     noise = fit_noise(made.prepared.system, terms) if kept else made.answer.null_noise
     verdict = "missing-physics" if kept else "consistent"
     return replace(

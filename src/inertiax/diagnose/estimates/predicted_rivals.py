@@ -62,6 +62,19 @@ def named_instead(
     return None
 
 
+def led_by(rival: Candidate, named: Named, p_value: float) -> Named:
+    """The name with one of its rivals at its head, and what was there before among the rivals: at most as likely."""
+    others = (named.candidate, *(r for r in named.rivals if r is not rival))
+    least = lambda c: replace(c, evidence=min(c.evidence, rival.evidence))
+    return replace(
+        named,
+        candidate=rival,
+        p_value=p_value,
+        rivals=tuple(map(least, others)),
+        near=tuple(map(least, named.near)),
+    )
+
+
 def _behind(lead: Float[np.ndarray, " stretch"], rival: Float[np.ndarray, " stretch"]) -> float:
     """By how many standard errors a rival's predictions are worse."""
     difference = lead - rival

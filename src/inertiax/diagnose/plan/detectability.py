@@ -7,6 +7,7 @@ this plan, whatever the noise; what remains is as large as its whitened length s
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import scipy.linalg
@@ -28,13 +29,17 @@ from ..selection.forward import GATE
 from ..selection.multiple_testing import Family, family
 from ..selection.score_test import Score, whiten_system
 from .aliasing import alias_sets, aliases
-from .limits import Absorbed, Audit, Detectable, POWER
+from .degrees_of_freedom import best_length, BY_ALL, deviations_for, Told, told_by_dwells
+from .limits import Absorbed, Audit, Detectable
 
 
 UNEXCITED = (
     1e-4  # part of the largest square below which a combination of parameters is not excited
 )
 BEYOND = 30.0  # times the usual size from which an effect counts as out of reach
+UNTOLD = (
+    "the dwells are no more than the parameters and it; more of them are needed, in other positions"
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,6 +50,17 @@ class Audited:
     scores: tuple[Score, ...]  # of the catalogue's terms that the calibration does not absorb
     tests: Family  # effective numbers of independent tests
     noise: NoiseFit
+
+    @cached_property
+    def told(self) -> list[Told]:
+        """What each of the scores is told by."""
+        return told_by_dwells(self.prepared.system, self.noise, self.scores)
+
+    def tells(self, name: str) -> bool:
+        """Whether the scatter between dwells leaves anything to tell an effect by."""
+        return any(
+            t.anything for s, t in zip(self.scores, self.told, strict=True) if s.term.name == name
+        )
 
     @property
     def each_alone(self) -> tuple[Score, ...]:
@@ -111,6 +127,8 @@ def conclude(triads: Sequence[Audited], effects: Sequence[Effect]) -> Audit:
             reason = (
                 f"it is an effect of the {'gyros' if 'gyro' in effect.triads else 'accelerometers'}"
             )
+        elif effect.name in shown and not any(t.tells(effect.name) for t in triads):
+            reason = UNTOLD
         elif effect.name in shown:
             reason = f"not even {BEYOND:g} times its usual size would show; it needs {effect.needs}"
         absent.append((effect.name, reason))
@@ -120,16 +138,17 @@ def conclude(triads: Sequence[Audited], effects: Sequence[Effect]) -> Audit:
     )  # fmt: skip
 
 
-def needed(size: int, rows: int, forms: int, tests: float) -> float:
-    """Standard deviations at which an effect passes the diagnosis with probability `POWER`.
+def needed(size: int, rows: int, forms: int, tests: float, told: Told = BY_ALL) -> float:
+    r"""Standard deviations at which an effect passes the diagnosis with probability `POWER`.
 
-    A term of `size` coefficients must exceed the family's threshold, $\\chi^2$ at $1 - (1 - \\alpha)^{1/N}$, and
-    pay the price of its columns and of its forms; $z = \\sqrt{\\text{threshold}} + \\Phi^{-1}(0.9)$.
+    A term of `size` coefficients must exceed the family's threshold, $\chi^2$ at $1 - (1 - \alpha)^{1/N}$, and
+    pay the price of its columns and of its forms; $z = \sqrt{\text{threshold}} + \Phi^{-1}(0.9)$, and more where few
+    dwells tell their scatter, see `deviations_for`.
     """
     single = -np.expm1(np.log1p(-GATE) / max(tests, 1.0))
     gate = float(scipy.special.chdtri(size, single))
     price = size * np.log(max(rows, 2)) + 2.0 * np.log(max(forms, 1))
-    return float(np.sqrt(max(gate, price)) + scipy.special.ndtri(POWER))
+    return deviations_for(max(gate, price), size, told)
 
 
 def at_the_gate(tests: Family, score: Score) -> float:
@@ -149,13 +168,14 @@ def detectable_sizes(one: Audited) -> list[Detectable]:
     forms = count_forms(one.prepared.candidates)
     system = one.prepared.system
     found: dict[tuple[str, tuple[str, ...]], list[tuple[Score, float]]] = {}
-    for score in one.scores:
+    for score, told in zip(one.scores, one.told, strict=True):
         term = score.term
         z = needed(
             score.size,
             observations(system, term),
             forms[term.name, term.channels],
             at_the_gate(one.tests, score),
+            told,
         )
         found.setdefault((term.name, term.channel_names), []).append((score, z))
     made = []
@@ -175,19 +195,21 @@ def detectable_sizes(one: Audited) -> list[Detectable]:
 def smallest_coefficient(members: Sequence[tuple[Score, float]]) -> tuple[float, str]:
     """The smallest coefficient that is detected, and its unit: of the forms in the effect's own unit, if it has any.
 
-    A change of the bias and one of the scale factor are numbers of two kinds, of which none is the smaller.
+    A change of the bias and one of the scale factor are numbers of two kinds, of which none is the smaller. A jump
+    chooses no moment: its size is that of half of the moments.
     """
     known = members[0][0].term
     units = [s.term.known.unit(s.term.triad, s.term.variant.settings) for s, _ in members]
     own = known.known.units[known.triad]
     unit = own if own in units else units[0]
-    return min(z * sigma(s) for (s, z), u in zip(members, units, strict=True) if u == unit), unit
+    sizes = [z * sigma(s) for (s, z), u in zip(members, units, strict=True) if u == unit]
+    return float(np.median(sizes)) if known.known.jump else min(sizes), unit
 
 
 def sigma(score: Score) -> float:
     """Standard deviation of the best-seen coefficient with the term's others at zero, SI."""
-    lengths = np.sqrt(sum(np.square(w).sum(axis=0) for w in score.white))
-    return 1.0 / float(lengths.max()) if lengths.max() > 0.0 else np.inf
+    length = best_length(score)
+    return 1.0 / length if length > 0.0 else np.inf
 
 
 def smallest_setting(members: Sequence[tuple[Score, float]]) -> float:
@@ -196,6 +218,8 @@ def smallest_setting(members: Sequence[tuple[Score, float]]) -> float:
     term = members[0][0].term
     groups: dict[tuple, list[tuple[float, float]]] = {}
     for score, z in members:
+        if np.isinf(z):
+            continue
         settings = dict(score.term.variant.settings)
         value = float(settings.pop(term.known.nuisance))
         strength = 1.0 / (z * sigma(score))

@@ -98,7 +98,7 @@ def summary(
         return (
             f"The recordings agree with {models} within noise, the dwells' scatter and the rig's stated "
             "uncertainty; no catalogued effect and no structured remainder stands out. The list of detectable "
-            "sizes says what this campaign could not have missed."
+            "sizes says from where on nine of ten would have been found, on the channel that shows best."
         )
     if verdict == "missing-physics":
         parts = " ".join(e.in_short or e.statement for e in explanations)
