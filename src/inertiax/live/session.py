@@ -100,7 +100,8 @@ class Session:
         """The clock leapt, or the log began anew: the next rows are another recording."""
         yield problem_event("clock", "warning", statement)
         if self.store.count:
-            yield from self._refresh(self.store.count, ended=True)
+            yield from self._refresh(self.store.count, ended=False)
+        if self.store.last is not None:  # `count` is 0 for the first second
             self._begin()
 
     def feed(self, rows: Recording, stamps: Float[np.ndarray, " time"]) -> Iterator[Event]:
