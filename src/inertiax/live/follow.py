@@ -4,6 +4,7 @@ import dataclasses
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from jaxtyping import Int
@@ -255,6 +256,6 @@ def _joined(first: Chunk, second: Chunk) -> Chunk:
 
 
 def _recording(name: str, column: Callable[[str], np.ndarray | None]) -> Recording:
-    made = {key: column(key) for key in _COLUMNS}
+    made: dict[str, Any] = {key: column(key) for key in _COLUMNS}
     triad = next(x for x in (made["accel"], made["gyro"]) if x is not None)
     return Recording(np.arange(float(len(triad))), **made, name=name)
