@@ -244,11 +244,11 @@ def test_what_is_no_result_is_refused_in_one_line(made, tmp_path, capsys, monkey
     status, _, err = protocol(made / "results", "-o", made / "results")
     assert status == 2 and "is RESULT itself" in err and err.count("\n") == 1
     status, _, err = protocol(made / "results", "-o", tmp_path / "out", "--at", "95")
-    assert status == 1 and "outside the calibrated range, 0.00 to 40.00 °C" in err
+    assert status == 2 and "outside the calibrated range, 0.00 to 40.00 °C" in err
     status, _, err = protocol(made / "results", "-o", tmp_path / "out", "--at", "warm")
     assert status == 2 and "is not a list of temperatures" in err
     status, _, err = protocol(made / "results", "-o", tmp_path / "out", "--device", "X")
-    assert status == 1 and "the results are of device '', not 'X'" in err
+    assert status == 2 and "the results are of device '', not 'X'" in err
     assert not (tmp_path / "out").exists()
 
 
