@@ -286,7 +286,7 @@ def test_one_of_several_devices_of_calibrate_and_of_a_fleet(tmp_path, capsys, mo
     home = write_campaign(tmp_path / "c", ("A", "B", "C"))
     assert run(capsys, monkeypatch, "calibrate", home, "-o", tmp_path / "r", "-q")[0] == 0
     status, _, err = run(capsys, monkeypatch, "protocol", tmp_path / "r", "-o", tmp_path / "p")
-    assert status == 1 and "holds the results of A, B, C; name one with --device" in err
+    assert status == 2 and "holds the results of A, B, C; name one with --device" in err
     alone = _json_of(capsys, monkeypatch, tmp_path / "r", tmp_path / "p", "B")
     line = tmp_path / "line"
     line.mkdir()
@@ -298,7 +298,7 @@ def test_one_of_several_devices_of_calibrate_and_of_a_fleet(tmp_path, capsys, mo
     )
     assert run(capsys, monkeypatch, "fleet", line, "-o", tmp_path / "f", "-q")[0] == 0
     status, _, err = run(capsys, monkeypatch, "protocol", tmp_path / "f", "-o", tmp_path / "q")
-    assert status == 1 and "holds a fleet; name one device with --device SERIAL" in err
+    assert status == 2 and "holds a fleet; name one device with --device SERIAL" in err
     fleet = _json_of(capsys, monkeypatch, tmp_path / "f", tmp_path / "q", "B")
     assert fleet["device"] == alone["device"] == "B"
     digests = [
