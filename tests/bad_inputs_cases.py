@@ -311,6 +311,12 @@ CASES: dict[str, Case] = {
     "table into a folder": Case("compensate @good.json @good.csv -o @good/x/", {"good/x/y": ""}),
     "table into /proc": Case("compensate @good.json @good.csv -o /proc/x.csv"),
     "export into /dev/full": Case("export @good.json --to kalibr -o /dev/full/x"),
+    "compensate over its recording": Case("compensate @good.json @good.csv -o @good.csv"),
+    "compensate over a campaign's recording": Case(
+        "compensate @good.json @good.csv -o @good/a.csv", {"good/a.csv": CSV}
+    ),
+    "export over its calibration": Case("export @good.json --to c -o @good.json"),
+    "export over a log": Case("export @good.json --to c -o @good.csv"),
     "simulate into a full folder": Case("simulate paper-check -o @good"),
     # compensate
     "calibration is no JSON": compensated("no JSON"),
@@ -443,6 +449,9 @@ CASES: dict[str, Case] = {
     "protocol with an unknown table": Case(
         "protocol @good -o @out --requirements @q.toml", {"q.toml": "[requirement]\n"}
     ),
+    "live with a target misspelt": Case("live @good - --target accel.bais=1mg -o @out"),
+    "live with a target without a unit": Case("live @good - --target accel.bias=1 -o @out"),
+    "live with a target below zero": Case("live @good - --target accel.bias=-1mg -o @out"),
     "unknown command": Case("calibrat @good -o @out"),
     "unknown option": Case("calibrate @good -o @out --jsn"),
 }

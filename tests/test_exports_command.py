@@ -112,7 +112,7 @@ def test_noise_that_does_not_fit_is_refused_in_one_line(capsys, monkeypatch, fil
     assert status == 1 and "not a document of `inertiax noise`" in err
     arguments[3] = "imu_tk"
     status, _, err = run(capsys, monkeypatch, *arguments, noise)
-    assert status == 1 and "imu_tk: the format holds no noise figures" in err
+    assert status == 2 and "imu_tk: the format holds no noise figures" in err
 
 
 def test_formats_of_two_files_write_both(capsys, monkeypatch, file, tmp_path):
@@ -147,9 +147,9 @@ def test_a_gyro_file_is_read_as_such(capsys, monkeypatch, file, tmp_path):
     assert run(capsys, monkeypatch, *arguments, "kind=gyro")[0] == 0
     assert read_calibration(to).accel is None and read_calibration(to).gyro is not None
     status, _, err = run(capsys, monkeypatch, *arguments, "knd=gyro")
-    assert status == 1 and "reading has no setting 'knd'; known are kind" in err
+    assert status == 2 and "reading has no setting 'knd'; known are kind" in err
     status, _, err = run(capsys, monkeypatch, *arguments, "kind=both")
-    assert status == 1 and "kind = 'both'" in err
+    assert status == 2 and "kind = 'both'" in err
 
 
 def test_the_list_names_every_format_with_what_it_keeps_and_loses(capsys, monkeypatch):
@@ -172,14 +172,14 @@ def test_the_list_names_every_format_with_what_it_keeps_and_loses(capsys, monkey
         (["--to", "imucal", "--set", "temperature"], 2, "must be KEY=VALUE"),
         (
             ["--to", "imucal", "--set", "temprature=3"],
-            1,
+            2,
             "no setting 'temprature'; did you mean 'temperature'?",
         ),
-        (["--to", "imucal", "--set", "temperature=warm"], 1, "temperature = 'warm'"),
-        (["--to", "imucal", "--set", "temperature=200"], 1, "outside the calibrated -40 to 70 °C"),
-        (["--to", "kalibr"], 1, "accelerometer_noise_density must be a positive number"),
-        (["--to", "c", "--set", "name=1x"], 1, "must be a C identifier"),
-        (["--to", "px4", "--set", "instance=4"], 1, "instance = 4 must be within 0 to 3"),
+        (["--to", "imucal", "--set", "temperature=warm"], 2, "temperature = 'warm'"),
+        (["--to", "imucal", "--set", "temperature=200"], 2, "outside the calibrated -40 to 70 °C"),
+        (["--to", "kalibr"], 2, "accelerometer_noise_density must be a positive number"),
+        (["--to", "c", "--set", "name=1x"], 2, "must be a C identifier"),
+        (["--to", "px4", "--set", "instance=4"], 2, "instance = 4 must be within 0 to 3"),
         (["--to", "c", "--from", "imucal"], 1, "imucal: units"),
         (["--to", "inertiax"], 2, "is the calibration itself"),
     ],

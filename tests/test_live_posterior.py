@@ -359,7 +359,7 @@ def test_rows_of_a_turn_are_those_of_finite_differences_and_tell_the_matrix():
         start = rng.standard_normal(3)
         start *= GRAVITY / np.linalg.norm(start)
         end = whole.inv().apply(start)
-        turns.append(Turn(rate @ (np.eye(3) + truth).T, step, start, end, 1e-10))
+        turns.append(Turn(rate @ (np.eye(3) + truth).T, np.full(150, step), start, end, 1e-10))
         ends.append((start, end))
     before, after = (np.array(x) for x in zip(*ends))
     variance = np.full(12, 1e-8)
@@ -386,7 +386,7 @@ def test_rows_of_a_planned_turn_are_those_of_the_turn():
         axis = np.cross(one, now)
         angle = np.arcsin(np.linalg.norm(axis)) if one @ now >= 0 else np.pi
         rate = np.tile(axis / np.linalg.norm(axis) * angle, (400, 1))
-        turn = Turn(rate, 1.0 / 400, now, one, 0.0)
+        turn = Turn(rate, np.full(400, 1.0 / 400), now, one, 0.0)
         made = turn_rows([integrated(turn, np.zeros((3, 3)))], now[None], one[None], np.ones(1))
         np.testing.assert_allclose(rows, made.jacobian, atol=5e-3)
 

@@ -244,11 +244,11 @@ def test_what_is_no_result_is_refused_in_one_line(made, tmp_path, capsys, monkey
     status, _, err = protocol(made / "results", "-o", made / "results")
     assert status == 2 and "is RESULT itself" in err and err.count("\n") == 1
     status, _, err = protocol(made / "results", "-o", tmp_path / "out", "--at", "95")
-    assert status == 1 and "outside the calibrated range, 0.00 to 40.00 °C" in err
+    assert status == 2 and "outside the calibrated range, 0.00 to 40.00 °C" in err
     status, _, err = protocol(made / "results", "-o", tmp_path / "out", "--at", "warm")
     assert status == 2 and "is not a list of temperatures" in err
     status, _, err = protocol(made / "results", "-o", tmp_path / "out", "--device", "X")
-    assert status == 1 and "the results are of device '', not 'X'" in err
+    assert status == 2 and "the results are of device '', not 'X'" in err
     assert not (tmp_path / "out").exists()
 
 
@@ -286,7 +286,7 @@ def test_one_of_several_devices_of_calibrate_and_of_a_fleet(tmp_path, capsys, mo
     home = write_campaign(tmp_path / "c", ("A", "B", "C"))
     assert run(capsys, monkeypatch, "calibrate", home, "-o", tmp_path / "r", "-q")[0] == 0
     status, _, err = run(capsys, monkeypatch, "protocol", tmp_path / "r", "-o", tmp_path / "p")
-    assert status == 1 and "holds the results of A, B, C; name one with --device" in err
+    assert status == 2 and "holds the results of A, B, C; name one with --device" in err
     alone = _json_of(capsys, monkeypatch, tmp_path / "r", tmp_path / "p", "B")
     line = tmp_path / "line"
     line.mkdir()
@@ -298,7 +298,7 @@ def test_one_of_several_devices_of_calibrate_and_of_a_fleet(tmp_path, capsys, mo
     )
     assert run(capsys, monkeypatch, "fleet", line, "-o", tmp_path / "f", "-q")[0] == 0
     status, _, err = run(capsys, monkeypatch, "protocol", tmp_path / "f", "-o", tmp_path / "q")
-    assert status == 1 and "holds a fleet; name one device with --device SERIAL" in err
+    assert status == 2 and "holds a fleet; name one device with --device SERIAL" in err
     fleet = _json_of(capsys, monkeypatch, tmp_path / "f", tmp_path / "q", "B")
     assert fleet["device"] == alone["device"] == "B"
     digests = [

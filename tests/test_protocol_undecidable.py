@@ -93,5 +93,5 @@ def test_results_go_on_outside_the_range_by_two_percent_and_the_page_says_so(
     assert (
         "the curves go on beyond the calibrated" in (tmp_path / "p" / "protocol.html").read_text()
     )
-    assert run("protocol", sound, "-o", tmp_path / "q", "--at=-0.9,20") == 1
+    assert run("protocol", sound, "-o", tmp_path / "q", "--at=-0.9,20") == 2
     assert "by more than 0.8 °C" in capfd.readouterr().err

@@ -17,6 +17,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..physics.temperature import Constant, constant_one, Curve
+from ..storage.wrong_value import WrongValue
 from .pytree import Calibration
 from .triad import TriadCalibration
 from .turn_on import turn_on
@@ -64,7 +65,8 @@ def with_warm_up(
     low, high = map(float, ends)
     beyond = max(low - at, at - high, 0.0)
     if beyond > BEYOND * (high - low):
-        raise ValueError(
+        wrong = ValueError if temperature is None else WrongValue
+        raise wrong(
             f"the calibration was made at {at:.1f} °C, outside of the warm-up's {low:.1f} to {high:.1f} °C: let a "
             f"warm-up reach {at:.0f} °C, or turn the device by hand at a temperature between."
         )

@@ -12,6 +12,7 @@ from typing import Annotated, cast
 import typer
 
 from ..storage.harmless_text import one_line
+from ..storage.wrong_value import WrongValue
 from . import (
     calibrate,
     check,
@@ -80,8 +81,8 @@ def run(arguments: list[str] | None = None) -> None:
     """Run the command line; always raises `SystemExit`.
 
     A `ValueError` is the library's way to say what is wrong with the data: it becomes one line and
-    status 1. Wrong usage is one line, too, and status 2. Anything unforeseen is said in one line;
-    `INERTIAX_TRACEBACK=1` shows where.
+    status 1. Wrong usage is one line, too, and status 2, also a `WrongValue` that the library
+    refuses. Anything unforeseen is said in one line; `INERTIAX_TRACEBACK=1` shows where.
     """
     try:
         _require_unicode(sys.argv[1:] if arguments is None else arguments)
@@ -95,6 +96,9 @@ def run(arguments: list[str] | None = None) -> None:
             said += "" if said.endswith("?") else "."
             print(f"inertiax: {said} See `{command} --help`.", file=sys.stderr)
         status = error.exit_code
+    except WrongValue as error:
+        print(f"inertiax: {one_line(str(error))}", file=sys.stderr)
+        status = 2
     except (KeyboardInterrupt, typer.Abort):  # where no handler could be set: see `interrupts`
         print("inertiax: interrupted.", file=sys.stderr)
         status = 130  # as a shell says it

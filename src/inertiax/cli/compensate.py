@@ -5,7 +5,7 @@ from typing import Annotated, TYPE_CHECKING
 
 import typer
 
-from . import console, environment, outputs
+from . import console, environment, inputs_kept, outputs
 from .options import AsJson, given_file, Quiet, written
 
 
@@ -82,13 +82,16 @@ def compensate(
         from ..exports.compensated_stream import write_compensated
         from ..protocol.record import doubt_about
 
+        campaign = campaign or campaign_beside(recording)
+        inputs_kept.require_other_than(output, (calibration, recording, gyro_file))
+        inputs_kept.require_no_recording(output, calibration, campaign)
         stages("compensating")
         result = write_compensated(
             read_calibration(calibration),
             recording,
             output,
             gyro_file=gyro_file,
-            campaign=campaign or campaign_beside(recording),
+            campaign=campaign,
             any_device=any_device,
             at_table=at_table,
         )

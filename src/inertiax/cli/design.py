@@ -10,7 +10,7 @@ from typing import Annotated, TYPE_CHECKING, TypeVar
 
 import typer
 
-from . import console, environment, outputs
+from . import console, environment, inputs_kept, outputs
 from .options import AsJson, Quiet, written
 
 
@@ -253,6 +253,11 @@ def _separate(
         from ..diagnose.plan.separate import separate
         from ..diagnose.wording.separation import documents, lines, read_sets, write_separations
 
+        if output is not None:
+            file = diagnosis / "diagnosis.json" if diagnosis.is_dir() else diagnosis
+            read = (file, None if plan is None else Path(plan))
+            written = ("separation.json", "scenario.toml", "checklist.md")
+            inputs_kept.require_kept(output, written, (x for x in read if x and not x.is_dir()))
         said = read_sets(diagnosis)
         place = said.campaign if plan is None else Path(plan)
         if place is None or not place.exists():

@@ -7,7 +7,7 @@ from typing import Annotated, TYPE_CHECKING
 
 import typer
 
-from . import console, environment, outputs
+from . import console, environment, inputs_kept, outputs
 from .calibrate import command_line
 from .next_step import after_diagnose, say_what_is_open
 from .options import AsJson, CampaignPath, Force, given_file, OutputFolder, Quiet
@@ -16,6 +16,9 @@ from .options import AsJson, CampaignPath, Force, given_file, OutputFolder, Quie
 if TYPE_CHECKING:
     from ..data.recording import Campaign
     from ..diagnose import Diagnosis
+
+
+_FILES = ("diagnosis.json", "calibration.json", "record.json", "report.html", "explorer.html")
 
 
 def _list(asked: bool | None) -> None:
@@ -95,6 +98,8 @@ def diagnose(
                 f"split the campaign."
             )
         folders = outputs.folder_names(devices) if len(devices) > 1 else dict.fromkeys(devices, "")
+        for name in folders.values():
+            inputs_kept.require_kept(output / name, _FILES, (calibration, noise))
         with outputs.staged_folder(output) as staging:
             seen_from = {
                 d: os.path.relpath(campaign.resolve(), (output / name).resolve())

@@ -6,7 +6,7 @@ from typing import Annotated, TYPE_CHECKING
 import typer
 
 from ..storage.whole_files import write_atomically
-from . import console, environment, outputs
+from . import console, environment, inputs_kept, outputs
 from .options import AsJson, given_file, Quiet, written
 
 
@@ -138,9 +138,13 @@ def export(
         result = result._replace(notes=(*joining, *notes, *result.notes))
         loss = measure_loss(known, result)
         place = output or _default(calibration, by_name(to).SUFFIX)
+        files = _placed(result, place)
+        for path, content in files.items():
+            _require_replaceable(path, content, to, (calibration, warm_up, noise))
         with outputs.owned_results(place):
-            written = _write(result, place)
-    _tell(to, result, loss, written, as_json=as_json, quiet=quiet)
+            for path, content in files.items():
+                write_atomically(path, content)
+    _tell(to, result, loss, list(files), as_json=as_json, quiet=quiet)
 
 
 def _of_record(
@@ -181,6 +185,7 @@ def _noise_alone(
     outputs.require_file(place)
     told = settings_from_noise(noise.read_bytes(), module, "", given)
     content = module.write_noise(settings_of(module, {**told.values, **given}))
+    _require_replaceable(place, content, to, (noise,))
     with outputs.owned_results(place):
         write_atomically(place, content)
     if as_json:
@@ -221,13 +226,30 @@ def _default(calibration: Path, suffix: str) -> Path:
     return path
 
 
-def _write(result: "Export", output: Path) -> list[Path]:
-    written = []
-    for tag, content in result.files:
-        path = output.with_name(output.stem + tag + output.suffix) if tag else output
-        write_atomically(path, content)
-        written.append(path)
-    return written
+def _placed(result: "Export", output: Path) -> dict[Path, bytes]:
+    """The files of an export by where they go."""
+    return {
+        output.with_name(output.stem + tag + output.suffix) if tag else output: content
+        for tag, content in result.files
+    }
+
+
+def _require_replaceable(
+    path: Path, content: bytes, to: str, inputs: tuple[Path | None, ...]
+) -> None:
+    """A file that is there is replaced where it is an earlier export, no input and no recording.
+
+    Raises `typer.BadParameter` (status 2) where it is not.
+    """
+    from ..exports.replaced_file import is_of_kind
+
+    inputs_kept.require_other_than(path, inputs)
+    inputs_kept.require_no_recording(path, inputs[0])
+    if path.is_file() and not is_of_kind(path.read_bytes(), content):
+        raise typer.BadParameter(
+            f"'{path}' is there already, and is no file that --to {to} writes; name another place.",
+            param_hint="'-o'",
+        )
 
 
 def _tell(

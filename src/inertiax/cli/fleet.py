@@ -7,7 +7,7 @@ from typing import Annotated, TYPE_CHECKING
 import msgspec
 import typer
 
-from . import console, environment, next_step, outputs
+from . import console, environment, inputs_kept, next_step, outputs
 from .calibrate import command_line
 from .options import AsJson, CampaignPath, OutputFolder, Quiet
 
@@ -101,6 +101,7 @@ def fleet(
     outputs.require_folder(output)
     temperatures = _temperatures(at)
     environment.prepare()
+    _require_inputs_kept(campaign, output, prior, earlier)
     from ..fleet import read_population, run_fleet
     from ..report.fleet import report_fleet
 
@@ -129,6 +130,24 @@ def fleet(
         why = "; ".join(f"{count} × {reason}" for reason, count in summary.reasons[:3])
         console.warn(f"none of {summary.devices} devices was calibrated: {why}")
         raise typer.Exit(1)
+
+
+def _require_inputs_kept(
+    campaign: Path, output: Path, prior: Path | None, earlier: Path | None
+) -> None:
+    """No results go where the population, the earlier results or recordings are read; status 2."""
+    if earlier is not None and earlier.resolve() == output.resolve():
+        raise typer.BadParameter(
+            f"'{output}' is --earlier itself, whose results would be replaced; name another folder.",
+            param_hint="'-o'",
+        )
+    known = prior / "population.json" if prior is not None and prior.is_dir() else prior
+    recordings = inputs_kept.files_of(campaign)
+    own = ("population.json", "quarantine.parquet", "summary.json", "manifest.json")
+    inputs_kept.require_kept(output, own, (known, *(f for f in recordings if f.name in own)))
+    for file in recordings:
+        if file.parent.name == "parts":
+            inputs_kept.require_other_than(output / "parts" / file.name, (file,))
 
 
 def _done_before(summary: "FleetSummary") -> str:

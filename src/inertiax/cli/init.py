@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from . import console, environment, outputs
+from . import console, environment, inputs_kept, outputs
 from .next_step import after_init
 from .options import AsJson, Quiet, written
 
@@ -77,6 +77,7 @@ def init(
         raise typer.BadParameter(
             f"'{file}' is there already; --replace replaces it.", param_hint="'-o'"
         )
+    inputs_kept.require_other_than(file, (*logs, gyro, *(table or ()), *(temperature or ())))
     with console.Stages(quiet=quiet) as stages:
         stages("starting")
         environment.prepare()

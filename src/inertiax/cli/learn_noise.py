@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from . import console, environment, outputs
+from . import console, environment, inputs_kept, outputs
 from .options import AsJson, Quiet, written
 
 
@@ -43,6 +43,8 @@ def learn_noise(
     with console.Stages(quiet=quiet) as stages, outputs.owned_results(output):
         stages("starting")
         environment.prepare()
+        for campaign in campaigns:
+            inputs_kept.require_other_than(output, inputs_kept.files_of(campaign))
         from ..data.campaign import load_campaign
         from ..diagnose.learn_type_noise import learn_noise as learn
         from ..diagnose.noise.type_noise_file import write_noise

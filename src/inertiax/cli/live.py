@@ -14,7 +14,14 @@ from typing import Annotated, TYPE_CHECKING
 
 import typer
 
-from . import calibrate as calibrate_command, console, environment, live_plan, outputs
+from . import (
+    calibrate as calibrate_command,
+    console,
+    environment,
+    inputs_kept,
+    live_plan,
+    outputs,
+)
 from .live_lines import Words
 from .options import CampaignPath, Force, Quiet, written
 
@@ -127,6 +134,9 @@ def live(
         raise typer.BadParameter("is the page's: give --page, too.", param_hint="'--port'")
     outputs.require_campaign(campaign)
     folder = _folder(campaign, output)
+    if separate is not None:
+        said = separate / "diagnosis.json" if separate.is_dir() else separate
+        inputs_kept.require_kept(folder, ("diagnosis.json", "report.html"), (said,))
     # JAX is set up for the calibration at the end; until then nothing is compiled.
     environment.prepare()
     from ..live.follow import events, plan
@@ -170,10 +180,11 @@ def _folder(campaign: Path, asked: Path | None) -> Path:
     home = campaign if campaign.is_dir() else campaign.absolute().parent
     new = home / f"live-{datetime.datetime.now():%Y%m%d-%H%M%S}"
     folder = outputs.require_folder(new if asked is None else asked)
-    if (folder / "campaign.toml").exists():
-        raise typer.BadParameter(
-            f"'{folder}' holds a campaign already; name a new folder.", param_hint="'-o'"
-        )
+    for name, what in (("campaign.toml", "a campaign"), ("recording-*.csv", "recordings")):
+        if any(folder.glob(name)):
+            raise typer.BadParameter(
+                f"'{folder}' holds {what} already; name a new folder.", param_hint="'-o'"
+            )
     return folder
 
 

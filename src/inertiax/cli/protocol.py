@@ -5,7 +5,7 @@ from typing import Annotated, TYPE_CHECKING
 
 import typer
 
-from . import console, environment, outputs
+from . import console, environment, inputs_kept, outputs
 from .calibrate import command_line
 from .options import AsJson, given_file, OutputFolder, Quiet
 
@@ -85,6 +85,8 @@ def protocol(
         from ..protocol.station import read_station, Station, with_operator
         from ..protocol.write import FILES, write_protocol
 
+        written = (*FILES, "decisions.html", "decisions.json", "decisions.csv")
+        inputs_kept.require_kept(output, written, (requirements, station))
         limits = () if requirements is None else read_requirements(requirements)
         said = Station() if station is None else read_station(station)
         if every:

@@ -71,14 +71,20 @@ def campaign_inputs(campaign: Path | None) -> tuple[InputFile, ...]:
 
     Raises `ValueError` for a file that cannot be read any more.
     """
-    if campaign is None:
-        return ()
+    return () if campaign is None else hashed(campaign_files(campaign), campaign.parent)
+
+
+def campaign_files(campaign: Path) -> tuple[Path, ...]:
+    """A `campaign.toml` and the recordings that it names, files or folders.
+
+    Raises `ValueError` where it cannot be read or names what is not there.
+    """
     said = read_table(campaign).recordings
     named = find_files(campaign.parent, said.files)
     for key in ("gyro_files", "table_files", "temperature_files"):
         if getattr(said, key) is not None:
             named += find_files(campaign.parent, getattr(said, key), key)
-    return hashed((campaign, *named), campaign.parent)
+    return campaign, *named
 
 
 def hashed(paths: Iterable[Path], home: Path) -> tuple[InputFile, ...]:

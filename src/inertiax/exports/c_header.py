@@ -15,6 +15,7 @@ from jaxtyping import Float
 from ..calibration.calibration import Calibration, TriadCalibration
 from ..calibration.triad import slot
 from ..physics.temperature import AbstractBasis, Constant, CubicSpline, Polynomial
+from ..storage.wrong_value import WrongValue
 from .c_template import BODY, CHEBYSHEV, MAGNETOMETERS as MAGNETOMETER_BODY, SPLINE
 from .export import Export, Settings as Common
 from .parameters import temperature_span
@@ -40,10 +41,10 @@ class Settings(Common, frozen=True, kw_only=True):
 
 
 def write(calibration: Calibration, settings: Settings) -> Export:
-    """The header. Raises `ValueError` for a name that is no C identifier."""
+    """The header. Raises `WrongValue` for a name that is no C identifier."""
     name = settings.name
     if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]{0,40}", name):
-        raise ValueError(f"c: name = {name!r} must be a C identifier of letters, digits and _.")
+        raise WrongValue(f"c: name = {name!r} must be a C identifier of letters, digits and _.")
     real = "float" if settings.dtype == "float32" else "double"
     low, high = temperature_span(calibration)
     device = "".join(c for c in calibration.device if c.isalnum() or c in " .-_")

@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ..calibration.calibration import Calibration
+from ..storage.wrong_value import WrongValue
 from .export import Export, OneTemperature
 from .imported import calibration as imported, numbers, triad
 from .parameters import chosen_temperature, constants_loss, parameters_at
@@ -37,7 +38,7 @@ class Settings(OneTemperature, frozen=True, kw_only=True):
 def write(calibration: Calibration, settings: Settings) -> Export:
     """imucal's file of the parameters at `settings.temperature`, °C."""
     if settings.cal_type not in ("Ferraris", "Turntable"):
-        raise ValueError(
+        raise WrongValue(
             f"imucal: cal_type = '{settings.cal_type}' must be 'Ferraris' or 'Turntable'."
         )
     temperature = chosen_temperature(calibration, settings.temperature)

@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ..calibration.calibration import Calibration
+from ..storage.wrong_value import WrongValue
 from .export import Export, OneTemperature
 from .noise import stated_noise
 from .parameters import chosen_temperature, constants_loss, parameters_at
@@ -91,7 +92,7 @@ def write(calibration: Calibration, settings: Settings) -> Export:
 def write_noise(settings: Settings) -> bytes:
     """Kalibr's input `imu.yaml` of noise, topic and rate alone, for data that are calibrated already.
 
-    Raises `ValueError` where a noise figure is missing or not above zero.
+    Raises `WrongValue` where a noise figure is missing or not above zero.
     """
     head = "# inertiax, noise alone: what Kalibr's --imu wants, and readers of an uncalibrated IMU"
     return "\n".join([head, *_noise_lines(settings)]).encode() + b"\n"
@@ -107,7 +108,7 @@ def _noise_lines(settings: Settings) -> list[str]:
 
 def _quoted(text: str) -> str:
     if not text.isprintable() or any(c in "\"'\\" for c in text):
-        raise ValueError(f"kalibr: rostopic {text!r} must be a plain topic name such as /imu0.")
+        raise WrongValue(f"kalibr: rostopic {text!r} must be a plain topic name such as /imu0.")
     return f"'{text}'"
 
 

@@ -11,6 +11,7 @@ from types import MappingProxyType, ModuleType
 import msgspec
 
 from ..data.json_documents import decode
+from ..storage.wrong_value import WrongValue
 
 
 SCHEMA = "inertiax.noise/1"
@@ -71,7 +72,7 @@ def settings_from_noise(
     """
     wanted = getattr(module, "NOISE", None)
     if wanted is None:
-        raise ValueError(f"{module.NAME}: the format holds no noise figures; leave out --noise.")
+        raise WrongValue(f"{module.NAME}: the format holds no noise figures; leave out --noise.")
     document = decode(content, _Document, "--noise", "a document of `inertiax noise`", SCHEMA)
     log = _log_of(document, device)
     values: dict[str, float | int | str] = known_settings(module, log.rate.value, log.topic)
@@ -148,13 +149,13 @@ def stated_noise(
 ) -> dict[str, float]:
     """The values of a format's settings of noise; `noise` is the `NOISE` of its module.
 
-    Raises `ValueError` for one that is not stated or not positive.
+    Raises `WrongValue` for one that is not stated or not positive.
     """
     found = {}
     for key, term in noise.items():
         value = getattr(settings, key)
         if value is None or not (math.isfinite(value) and value > 0):
-            raise ValueError(
+            raise WrongValue(
                 f"{format}: {key} must be a positive number of {_UNITS[term]} (from an Allan deviation); give "
                 f"--noise noise.json of `inertiax noise`, or --set {key}=..."
             )

@@ -8,6 +8,7 @@ from jaxtyping import Float
 from ..calibration.calibration import Calibration
 from ..calibration.over_rows import row_parameters
 from ..physics.temperature import Constant
+from ..storage.wrong_value import WrongValue
 from .cubic import cubic_misfit, moves, nodes, ROUNDING
 
 
@@ -72,13 +73,13 @@ def temperature_span(calibration: Calibration) -> tuple[float, float]:
 def chosen_temperature(calibration: Calibration, asked: float | None) -> float:
     """The temperature for a format of constants, °C: the one asked for, or the middle of the range.
 
-    Raises `ValueError` where the one asked for is outside the calibrated range.
+    Raises `WrongValue` where the one asked for is outside the calibrated range.
     """
     low, high = temperature_span(calibration)
     if asked is None:
         return 0.5 * (low + high)
     if calibration.temperature_range is not None and not low <= asked <= high:
-        raise ValueError(
+        raise WrongValue(
             f"temperature = {asked:g} °C is outside the calibrated {low:g} to {high:g} °C."
         )
     return asked

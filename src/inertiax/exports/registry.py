@@ -13,6 +13,7 @@ from ..calibration.calibration import Calibration
 from ..calibration.device_place import about_device
 from ..calibration.named_g_sensitivity import with_matrix_d
 from ..data.formats.columns import nearest
+from ..storage.wrong_value import WrongValue
 from . import (
     ardupilot,
     aria,
@@ -57,18 +58,18 @@ def by_name(name: str) -> ModuleType:
 
 
 def settings_of(module: ModuleType, given: Mapping[str, str | float | int]) -> Any:
-    """The `Settings` of a format, numbers perhaps given as text. Raises `ValueError` for an unknown or wrong one."""
+    """The `Settings` of a format, numbers perhaps given as text. Raises `WrongValue` for an unknown or wrong one."""
     name, fields = module.NAME, {f.name: f for f in msgspec.structs.fields(module.Settings)}
     for key in given:
         if key not in fields:
             known = f"known are {', '.join(fields)}" if fields else "it has none"
-            raise ValueError(f"{name}: no setting '{key}'; {nearest(key, fields)}{known}.")
+            raise WrongValue(f"{name}: no setting '{key}'; {nearest(key, fields)}{known}.")
     try:
         return msgspec.convert(dict(given), module.Settings, strict=False)
     except msgspec.ValidationError as error:
         said, _, place = str(error).partition(" - at `$.")
         key = place.rstrip("`")
-        raise ValueError(f"{name}: {key} = {given[key]!r}: {said}.") from None
+        raise WrongValue(f"{name}: {key} = {given[key]!r}: {said}.") from None
 
 
 def export(calibration: Calibration, name: str, /, **settings: str | float | int) -> Export:
@@ -130,7 +131,7 @@ def read_calibration_of(content: bytes, name: str, /, **settings: str | float | 
     module = by_name(name)
     if not hasattr(module, "read"):
         readable = [f.NAME for f in FORMATS if hasattr(f, "read")]
-        raise ValueError(f"{name}: files cannot be read back; these can: {', '.join(readable)}.")
+        raise WrongValue(f"{name}: files cannot be read back; these can: {', '.join(readable)}.")
     known = {
         k: p.annotation
         for k, p in inspect.signature(module.read).parameters.items()
@@ -139,11 +140,11 @@ def read_calibration_of(content: bytes, name: str, /, **settings: str | float | 
     for key, value in settings.items():
         if key not in known:
             told = f"known are {', '.join(known)}" if known else "it has none"
-            raise ValueError(f"{name}: reading has no setting '{key}'; {told}.")
+            raise WrongValue(f"{name}: reading has no setting '{key}'; {told}.")
         try:
             settings[key] = msgspec.convert(value, known[key], strict=False)
         except msgspec.ValidationError as error:
-            raise ValueError(f"{name}: {key} = {value!r}: {error}.") from None
+            raise WrongValue(f"{name}: {key} = {value!r}: {error}.") from None
     try:
         with np.errstate(all="ignore"):  # what is not finite is refused by every format
             return module.read(content, **settings)

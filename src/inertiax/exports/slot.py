@@ -5,6 +5,7 @@ import re
 import msgspec
 
 from ..calibration.calibration import Calibration
+from ..storage.wrong_value import WrongValue
 
 
 _OF_LOG = re.compile(r"imu(\d+)")  # devices of a log with several IMUs, counted from zero
@@ -30,7 +31,8 @@ def slot_of(
     own = None if of_log is None else first + int(of_log.group(1))
     number = given if given is not None else own if own is not None else first
     if not first <= number <= last:
-        raise ValueError(f"{controller}: instance = {number} must be within {first} to {last}.")
+        wrong = ValueError if given is None else WrongValue
+        raise wrong(f"{controller}: instance = {number} must be within {first} to {last}.")
     if own is None or number == own:
         return Slot(number)
     return Slot(

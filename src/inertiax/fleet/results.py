@@ -9,6 +9,7 @@ import polars as pl
 from ..calibration.calibration import Calibration, TriadCalibration
 from ..model_selection.model_spec import ModelSpec
 from ..physics.temperature import Curve
+from ..storage.wrong_value import WrongValue
 from .lever_arms import lever_arms_of
 from .solve.triad_model import basis_of, TriadModel
 from .store import Manifest, read_manifest, read_parts, write_table
@@ -73,7 +74,7 @@ def fleet_calibration(folder: Path | str, device: str) -> Calibration:
     manifest = read_manifest(folder)
     found = read_parts(folder).filter(pl.col("device") == device).collect()
     if manifest is None or not found.height:
-        raise ValueError(f"{folder}: no device '{device}' in this run.")
+        raise WrongValue(f"{folder}: no device '{device}' in this run.")
     row = found.row(0, named=True)
     if row["reason"]:
         raise ValueError(f"{folder}: device '{device}' was set aside: {row['reason']}.")

@@ -132,6 +132,13 @@ class Estimate:
             }
         return made
 
+    def force(self, outputs: Float[np.ndarray, "rest 3"]) -> Float[np.ndarray, "rest 3"]:
+        """Outputs of the accelerometers compensated, as far as they are known, m/s²."""
+        if self.model is None:
+            return outputs
+        known = next(t.posterior.mean for t in self.triads if t.names == self.model.names)
+        return compensated(known, outputs)
+
     def next_position(self) -> NextPosition | None:
         """Where to turn next: any position where directions of gravity tell nothing that is asked for; `None` where
         there are no accelerometers."""

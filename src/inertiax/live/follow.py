@@ -4,6 +4,7 @@ import dataclasses
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from jaxtyping import Int
@@ -14,9 +15,10 @@ from ..data.model_columns import check_model_columns
 from ..data.recording import Campaign, Recording
 from .events import Event, problem_event
 from .itinerary import Itinerary
-from .recorder import LEAP, Recorder
+from .recorder import Recorder
 from .row_sources import follow, Piece
 from .session import HOLD, Session
+from .stamp_order import Place, StampOrder
 from .target import parse_target, Target, usual_target
 from .text_rows import Chunk, TextRows
 
@@ -135,16 +137,17 @@ class _Follower:
     def __init__(self, session: Session, made: Plan, recorder: Recorder):
         self._session, self._text, self._recorder = session, made.rows, recorder
         self._made = made
-        self._stamp: float | None = None  # of the last row, s
-        self._garbled = self._repeated = 0
+        self._order = StampOrder()
+        self._waiting: Chunk | None = None  # rows whose place the next ones tell
+        self._told: set[str] = set()  # what was said of lines that are put aside
 
     def take(self, piece: Piece) -> Iterator[Event]:
         """One piece of the log."""
         if piece.half:
             self._recorder.aside([piece.half])
         if piece.restarted:
-            self._text = self._text.afresh()
-            self._stamp = None
+            yield from self._rest_of_the_log()
+            self._text, self._order = self._text.afresh(), StampOrder()
             yield from self._session.leap(
                 "the log was replaced or emptied; what comes now is another recording."
             )
@@ -154,6 +157,12 @@ class _Follower:
     def last(self) -> Iterator[Event]:
         """The input ended: what still waits."""
         yield from self._chunk(self._text.read([], last=True))
+        yield from self._rest_of_the_log()
+
+    def _rest_of_the_log(self) -> Iterator[Event]:
+        if self._waiting is not None:
+            chunk, self._waiting = self._waiting, None
+            yield from self._rows(chunk, end=True)
 
     def _chunk(self, chunk: Chunk | None) -> Iterator[Event]:
         if chunk is None:
@@ -163,50 +172,45 @@ class _Follower:
             self._recorder.begin(header)
             check_model_columns(self._made.campaign.model, (chunk.rows,))
         self._recorder.aside(chunk.skipped)
-        if chunk.garbled:
-            self._recorder.aside(chunk.garbled)
-            self._garbled += len(chunk.garbled)
-            if self._garbled == len(chunk.garbled):
-                yield problem_event(
-                    "garbled",
-                    "warning",
-                    f"{len(chunk.garbled)} lines are no rows of this log; they are kept in left-out.txt.",
-                )
+        yield from self._aside(
+            "garbled",
+            f"{len(chunk.garbled)} lines are no rows of this log; they are kept in left-out.txt.",
+            chunk.garbled,
+        )
         if chunk.lines:
+            if self._waiting is not None:
+                chunk, self._waiting = _joined(self._waiting, chunk), None
             yield from self._rows(chunk)
 
-    def _rows(self, chunk: Chunk) -> Iterator[Event]:
+    def _rows(self, chunk: Chunk, *, end: bool = False) -> Iterator[Event]:
         """Runs of rows whose stamps go on."""
-        time = chunk.time
-        before = np.append(time[0] if self._stamp is None else self._stamp, time[:-1])
-        steps = time - before
-        again = steps == 0.0
-        if self._stamp is None:
-            again[0] = False
-        leaps = np.flatnonzero((steps < 0.0) | (steps > LEAP))
-        for a, b in zip([0, *leaps], [*leaps, len(time)]):
+        before = self._order.last
+        places = self._order.places(chunk.time, end=end)
+        if len(places) < len(chunk.lines):
+            self._waiting = _selected(chunk, np.arange(len(places), len(chunk.lines)))
+        begins = [k for k, place in enumerate(places) if place is Place.BEGINS]
+        for a, b in zip([0, *begins], [*begins, len(places)]):
             if a == b:
                 continue
-            if a in leaps:
-                yield from self._leap(float(before[a]), float(time[a]))
-            kept = np.arange(a, b)[~again[a:b]]
-            if len(kept) < b - a:
-                yield from self._again([chunk.lines[k] for k in range(a, b) if again[k]])
-            if len(kept):
-                self._recorder.rows([chunk.lines[k] for k in kept])
-                yield from self._session.feed(_selected(chunk.rows, kept), time[kept])
-        self._stamp = float(time[-1])
+            rows = {p: [k for k in range(a, b) if places[k] is p] for p in Place}
+            if a in begins:
+                assert before is not None
+                yield from self._leap(before, float(chunk.time[a]))
+            for place, said in _SAID.items():
+                yield from self._aside("clock", said, [chunk.lines[k] for k in rows[place]])
+            kept = _selected(chunk, np.array(rows[Place.BEGINS] + rows[Place.GOES_ON], int))
+            if kept.lines:
+                before = float(kept.time[-1])
+                self._recorder.rows(kept.lines)
+                yield from self._session.feed(kept.rows, kept.time)
 
-    def _again(self, lines: list[bytes]) -> Iterator[Event]:
-        """Rows that repeat the stamp before."""
+    def _aside(self, kind: str, said: str, lines: list[bytes]) -> Iterator[Event]:
+        """Lines that are put aside; of each sort it is said once."""
         self._recorder.aside(lines)
-        if not self._repeated:
-            yield problem_event(
-                "clock",
-                "warning",
-                "a stamp stands twice; rows that repeat one are kept in left-out.txt.",
-            )
-        self._repeated += len(lines)
+        sort = kind if kind == "garbled" else said
+        if lines and sort not in self._told:
+            self._told.add(sort)
+            yield problem_event(kind, "warning", said)
 
     def _leap(self, before: float, after: float) -> Iterator[Event]:
         self._recorder.again()
@@ -216,15 +220,42 @@ class _Follower:
         )
 
 
+_SAID = {
+    Place.AGAIN: "a stamp stands twice; rows that repeat one are kept in left-out.txt.",
+    Place.ASIDE: "a row is out of order: it came late, or its stamp is far from those of the rows beside it; such rows "
+    "are kept in left-out.txt.",
+}
 _COLUMNS = (
-    *("time", "accel", "gyro", "temperature", "experiment", "position"),
+    *("accel", "gyro", "temperature", "experiment", "position"),
     *("reference_accel", "reference_gyro"),
 )
 
 
-def _selected(rows: Recording, kept: Int[np.ndarray, " row"]) -> Recording:
-    made = {}
-    for key in _COLUMNS:
-        value = getattr(rows, key)
-        made[key] = None if value is None else value[kept]
-    return Recording(**made, name=rows.name)
+def _selected(chunk: Chunk, kept: Int[np.ndarray, " row"]) -> Chunk:
+    """Some rows alone, without what was no row."""
+    if not len(kept):
+        return Chunk([], chunk.rows, np.zeros(0), [], [])
+    rows = _recording(chunk.rows.name, lambda key: _picked(getattr(chunk.rows, key), kept))
+    return Chunk([chunk.lines[k] for k in kept], rows, chunk.time[kept], [], [])
+
+
+def _picked(value: np.ndarray | None, kept: Int[np.ndarray, " row"]) -> np.ndarray | None:
+    return None if value is None else value[kept]
+
+
+def _joined(first: Chunk, second: Chunk) -> Chunk:
+    """Rows of two chunks, one behind the other."""
+
+    def both(key: str) -> np.ndarray | None:
+        a, b = getattr(first.rows, key), getattr(second.rows, key)
+        return None if a is None or b is None else np.concatenate([a, b])
+
+    rows = _recording(first.rows.name, both)
+    time = np.append(first.time, second.time)
+    return Chunk(first.lines + second.lines, rows, time, [], [])
+
+
+def _recording(name: str, column: Callable[[str], np.ndarray | None]) -> Recording:
+    made: dict[str, Any] = {key: column(key) for key in _COLUMNS}
+    triad = next(x for x in (made["accel"], made["gyro"]) if x is not None)
+    return Recording(np.arange(float(len(triad))), **made, name=name)

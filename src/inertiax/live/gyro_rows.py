@@ -1,10 +1,11 @@
 """Rows of a turn between two rests for the gyros' matrix: gravity's direction turns as the integrated rates say.
 
-With the rates y less their bias, ω = (E + Θ)⁻¹ y, the case turns by R = Π exp[ω_i dt], and the direction u of the
-specific force from u₀ to p = Rᵀ u₀. The row is the small tilt between p and the direction m that the accelerometers
-read after the turn, in the two components across m (`estimators.gravity_rotation`). Of a change of Θ:
+With the rates y less their bias, ω = (E + Θ)⁻¹ y, the case turns by R = Π exp[ω_i Δt_i] over steps of any length, and
+the direction u of the specific force from u₀ to p = Rᵀ u₀. The row is the small tilt between p and the direction m that
+the accelerometers read after the turn, in the two components across m (`estimators.gravity_rotation`). A change of Θ
+makes
 
-    δp = p × η,   η = −Σ S_iᵀ (E + Θ)⁻¹ δΘ ω_i dt,   S_i = Π_{j>i} exp[ω_j dt]
+    δp = p × η,   η = −Σ S_iᵀ (E + Θ)⁻¹ δΘ ω_i Δt_i,   S_i = Π_{j>i} exp[ω_j Δt_j]
 """
 
 import dataclasses
@@ -26,8 +27,12 @@ _STEPS = 8  # of a turn that is only planned
 class Turn:
     """Rates between two rests, and what the accelerometers read in both."""
 
-    rate: Float[np.ndarray, "time 3"]  # rad/s, less the bias
-    step: float  # s
+    rate: Float[
+        np.ndarray, "step 3"
+    ]  # rad/s, less the bias: the mean over each step (`mean_rates`)
+    step: Float[
+        np.ndarray, " step"
+    ]  # s, as long as each is: twice the usual where a row is missing
     before: Float[np.ndarray, "3"]  # mean output of the accelerometers at rest, m/s²
     after: Float[np.ndarray, "3"]
     walk: float  # variance of the integrated rate about an axis, rad²
@@ -36,7 +41,7 @@ class Turn:
     @property
     def seconds(self) -> float:
         """How long it took."""
-        return len(self.rate) * self.step
+        return float(self.step.sum())
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -48,14 +53,26 @@ class Turned:
     change: Float[np.ndarray, "3 9"]  # ∂η/∂Θ, row by row of Θ
 
 
+def mean_rates(
+    rate: Float[np.ndarray, "time 3"], step: Float[np.ndarray, " step"]
+) -> Float[np.ndarray, "step 3"]:
+    """What turns as a rate that goes linearly from row to row does in each step, rad/s (`motions.step_angle` over h).
+
+    (ω₀ + ω₁) / 2 + h ω₀ × ω₁ / 12
+    """
+    first, second = rate[:-1], rate[1:]
+    return 0.5 * (first + second) + step[:, None] / 12.0 * np.cross(first, second)
+
+
 def integrated(turn: Turn, matrix: Float[np.ndarray, "3 3"]) -> Turned:
     """The turn by the rates that a matrix Θ makes of the outputs."""
     inverse = np.linalg.inv(np.eye(3) + matrix)
     rate = turn.rate @ inverse.T
-    steps = Rotation.from_rotvec(rate * turn.step).as_matrix()
+    angle = rate * turn.step[:, None]
+    steps = Rotation.from_rotvec(angle).as_matrix()
     later, change = np.eye(3), np.zeros((3, 3, 3))
-    for step, omega in zip(steps[::-1], rate[::-1]):
-        change -= (later.T @ inverse)[:, :, None] * (omega * turn.step)
+    for step, turned in zip(steps[::-1], angle[::-1]):
+        change -= (later.T @ inverse)[:, :, None] * turned
         later = step @ later
     return Turned(matrix, later, change.reshape(3, 9))
 

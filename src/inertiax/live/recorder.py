@@ -1,7 +1,7 @@
 """Keeps what came in: recordings as text, row for row as it was sent, and the campaign that reads them.
 
-Rows are handed to the system as they come, so that a killed process loses none. A stamp that goes back, or forward by
-more than `LEAP`, begins another recording, since a recording is one continuous log. What is no row is kept beside.
+Rows are handed to the system as they come, so that a killed process loses none. A clock that begins anew, or leaps,
+begins another recording (`stamp_order`). What is no row, and rows out of order, are kept beside.
 """
 
 import copy
@@ -13,7 +13,6 @@ from ..data.settings import read_toml
 from ..storage.whole_files import write_atomically
 
 
-LEAP = 60.0  # s
 NAME = "recording-{}.csv"
 FILES = "recording-*.csv"
 LEFT_OUT = "left-out.txt"

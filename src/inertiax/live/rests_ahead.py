@@ -17,6 +17,7 @@ import numpy as np
 from scipy.special import stdtrit
 
 from ..physics.directions import hand_directions
+from ..storage.wrong_value import WrongValue
 from .accel_rows import AccelModel, prior_std
 from .estimate import FEWEST_FREEDOM, limits_of
 from .next_position import (
@@ -47,11 +48,11 @@ class Ahead:
 def rests_ahead(target: Target, model: AccelModel, grade: str | None, noise: float) -> Ahead:
     """How many rests the accelerometers' part of a target needs, where a rest's mean has this noise (m/s²).
 
-    Raises `ValueError` where the target asks nothing of the accelerometers.
+    Raises `WrongValue` where the target asks nothing of the accelerometers.
     """
     limits = limits_of(model.names, target)
     if not np.isfinite(limits).any():
-        raise ValueError(
+        raise WrongValue(
             "--plan: the target asks nothing of the accelerometers; rests of gyros are not forecast."
         )
     covariance = np.diag(prior_std(model, grade) ** 2)

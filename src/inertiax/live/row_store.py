@@ -76,11 +76,12 @@ class RowStore:
     def recording(
         self, start: int = 0, stop: int | None = None, *, means: bool = False
     ) -> Recording:
-        """Thinned rows `[start, stop)` as a recording; with `means`, means of the rows that each stands for."""
+        """Thinned rows `[start, stop)` as a recording; with `means`, means of the rows that each stands for, stamps
+        too."""
         stop = self._count if stop is None else stop
         made: dict[str, Any] = {key: value[start:stop] for key, value in self._picked.items()}
         if means:
-            made |= {key: value[start:stop] for key, value in self._means.items() if key != "time"}
+            made |= {key: value[start:stop] for key, value in self._means.items()}
         return Recording(**made, name=self.name)
 
 

@@ -26,14 +26,13 @@ from .events import (
     warming_event,
     withdrawn_event,
 )
-from .gyro_rows import Turn
 from .itinerary import Itinerary
 from .next_position import NextPosition
 from .rest_ledger import judge, matched, RECENT, Rest, WINDOW
 from .rest_watch import LONGEST, RestWatch
 from .row_store import RowStore
 from .target import Target
-from .turns import turns_between
+from .turns import Turns
 
 
 LOOK = 0.1  # s of rows between two looks at the newest ones
@@ -59,7 +58,7 @@ class Session:
 
     def __post_init__(self) -> None:
         self._stores: list[RowStore] = []
-        self._turns: dict[tuple[int, int, int], Turn] = {}
+        self._turns = Turns(self._stores)
         self._told: set[tuple[str, str]] = set()
         self._seconds = 0.0
         self._exhausted = 0
@@ -101,7 +100,8 @@ class Session:
         """The clock leapt, or the log began anew: the next rows are another recording."""
         yield problem_event("clock", "warning", statement)
         if self.store.count:
-            yield from self._refresh(self.store.count, ended=True)
+            yield from self._refresh(self.store.count, ended=False)
+        if self.store.last is not None:  # `count` is 0 for the first second
             self._begin()
 
     def feed(self, rows: Recording, stamps: Float[np.ndarray, " time"]) -> Iterator[Event]:
@@ -255,12 +255,13 @@ class Session:
     # --- answers ---------------------------------------------------------------------------------
 
     def _estimated(self, rests: list[Rest]) -> Estimate:
+        force = (lambda outputs: outputs) if self.estimate is None else self.estimate.force
         return estimate(
             rests,
             self.campaign,
             self.target,
             self.estimate,
-            turns_between(rests, self._stores, self._turns),
+            self._turns.between(rests, force),
         )
 
     def _answer(self, *, provisional: bool = False) -> Iterator[Event]:

@@ -10,6 +10,7 @@ import math
 import re
 
 from ..data.formats.columns import MAG_UNITS, nearest
+from ..storage.wrong_value import WrongValue
 
 
 GRAVITY = 9.80665  # m/s², of a mg: the standard one, as sensor makers use it
@@ -82,26 +83,29 @@ def usual_target(grade: str | None) -> Target:
 def parse_target(text: str) -> Target:
     """A target from its text, entries separated by commas.
 
-    Raises `ValueError`, one line that repeats the entry, for an unknown name or unit and for a limit that is not above
-    zero.
+    Raises `WrongValue`, a `ValueError` of one line that repeats the entry, for an unknown name or unit and for a limit
+    that is not above zero.
     """
     limits: list[tuple[str, float]] = []
     entries = [e.strip() for e in re.split(r",(?![^\[]*\])", text)]
     for entry in entries:
         name, equals, amount = (part.strip() for part in entry.partition("="))
         if not equals or not name or not amount:
-            raise ValueError(
+            raise WrongValue(
                 f'target "{entry}": write a name, "=" and a limit with its unit, such as '
                 '"accel.bias=0.3 mg, accel.scale=200 ppm".'
             )
-        limit = parse_limit(name, amount, f'target "{entry}"')
+        try:
+            limit = parse_limit(name, amount, f'target "{entry}"')
+        except ValueError as error:
+            raise WrongValue(str(error)) from None
         if name.startswith("mag."):
-            raise ValueError(
+            raise WrongValue(
                 f'target "{entry}": a session follows accelerometers and gyros alone; magnetometers are calibrated '
                 "from its recording."
             )
         if name.startswith("gyro.g_sensitivity"):
-            raise ValueError(
+            raise WrongValue(
                 f'target "{entry}": rests alone do not tell it while they are recorded; it is for the requirements of '
                 "`inertiax protocol`."
             )

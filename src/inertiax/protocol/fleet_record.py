@@ -24,6 +24,7 @@ from ..fleet.reduce.tasks import Stretch
 from ..fleet.results import calibration_of, fleet_calibration
 from ..fleet.store import Manifest, read_manifest, read_parts
 from ..fleet.verdicts import device_findings, device_verdict
+from ..storage.wrong_value import WrongValue
 from .make_record import days_of, software, source_record, time_text
 from .record import ConditionsRecord, Record, SCHEMA, StationRecord, TriadRecord
 
@@ -38,7 +39,7 @@ def fleet_measurement(folder: Path, device: str | None) -> tuple[Calibration, Re
     """
     manifest = read_manifest(folder)
     if manifest is None or device is None:
-        raise ValueError(
+        raise WrongValue(
             f"{folder}: holds a fleet; name one device with --device SERIAL, or decide on all of them with --all."
         )
     calibration = fleet_calibration(folder, device)

@@ -5,6 +5,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from ..calibration.calibration import Calibration, read_calibration
+from ..storage.wrong_value import WrongValue
 from .record import FILE, read_record, Record
 
 
@@ -34,7 +35,7 @@ def load_measurement(folder: Path, device: str | None = None) -> Measurement:
     measured = Measurement(read_calibration(folder / "calibration.json"), read_record(folder))
     own = measured.calibration.device
     if device is not None and device != own:
-        raise ValueError(f"{folder}: the results are of device {own!r}, not {device!r}.")
+        raise WrongValue(f"{folder}: the results are of device {own!r}, not {device!r}.")
     return measured
 
 
@@ -74,4 +75,4 @@ def _of_device(folder: Path, device: str | None) -> Path:
         return own[device]
     names = ", ".join(list(own)[:8]) + (", …" if len(own) > 8 else "")
     asked = "name one with --device" if device is None else f"there is no device {device!r}"
-    raise ValueError(f"{folder}: holds the results of {names}; {asked}.")
+    raise WrongValue(f"{folder}: holds the results of {names}; {asked}.")

@@ -144,6 +144,17 @@ def doubt_about(calibration: Path) -> str | None:
     return f"{calibration}: do not use it yet{': ' if why else ''}{why}"
 
 
+def was_made_of(calibration: Path, file: Path) -> bool:
+    """Whether the record beside a `calibration.json` lists a file, by its content, among those that it was made of."""
+    try:
+        known = read_record(calibration.parent)
+    except ValueError:
+        return False
+    size = file.stat().st_size
+    alike = {one.sha256 for one in known.inputs if one.bytes == size}
+    return bool(alike) and digest_of(file) in alike
+
+
 def digest_of(file: Path) -> str:
     """SHA-256 of a file's content, in hexadecimal digits."""
     return hashlib.sha256(file.read_bytes()).hexdigest()

@@ -10,6 +10,7 @@ from ..calibration.calibration import Calibration, TriadCalibration
 from ..calibration.quantities import si_unit
 from ..exports.extrapolation import margin
 from ..physics.temperature import Constant
+from ..storage.wrong_value import WrongValue
 from .expanded_uncertainty import coverage_factor, effective_degrees
 from .guard_band import Measured
 from .record import Record
@@ -44,13 +45,13 @@ def reference_temperatures(
     """°C: those asked for, else both ends and the middle of the calibrated range, or its middle for constants.
 
     None where no temperature was recorded. A little outside the calibrated range counts as inside, by the rule of
-    compensation (`exports.extrapolation`). Raises `ValueError` farther out, where a polynomial has no uncertainty that
+    compensation (`exports.extrapolation`). Raises `WrongValue` farther out, where a polynomial has no uncertainty that
     could be stated.
     """
     known = calibration.temperature_range
     if known is None:
         if asked:
-            raise ValueError(
+            raise WrongValue(
                 "--at: no temperature was recorded, so there is none to state results at."
             )
         return ()
@@ -59,7 +60,7 @@ def reference_temperatures(
         beyond = margin(calibration)
         for t in asked:
             if not low - beyond <= t <= high + beyond:
-                raise ValueError(
+                raise WrongValue(
                     f"--at {t:g}: outside the calibrated range, {low:.2f} to {high:.2f} °C, by more than {beyond:.2g} "
                     "°C; the calibration says nothing there."
                 )

@@ -19,6 +19,7 @@ from ..fleet.verdicts import device_findings, device_verdict
 from ..physics.temperature import Curve
 from ..plots import fleet as plots
 from ..plots.style import drawing
+from ..storage.wrong_value import WrongValue
 from .fleet_lever_arms import device_lever_arms
 from .page import Key, Picture, picture, Section, Table, Verdict, write_page
 
@@ -48,7 +49,7 @@ def report_device(
     """
     found = read_parts(folder).filter(pl.col("device") == device).collect()
     if not found.height:
-        raise ValueError(f"{folder}: no device '{device}' in this run.")
+        raise WrongValue(f"{folder}: no device '{device}' in this run.")
     row = found.row(0, named=True)
     home, solved = folder / "devices", _solved(row, manifest)
     sections, notable = [], _words(device, unlike)

@@ -7,8 +7,8 @@ from jaxtyping import Bool, Float, Int
 # Of the rows: more are the clock itself (too coarse, or the host's), and no slips of it (convention).
 _FEW = 0.05
 # Usual steps: a stamp that goes back further is of a clock that began anew, not of a row that was late (convention).
-_LATE = 3.0
-_BESIDE = 5  # rows on each side that tell a clock that begins anew from a stamp that is far off alone (convention)
+LATE = 3.0
+BESIDE = 5  # rows on each side that tell a clock that begins anew from a stamp that is far off alone (convention)
 # Usual steps between what a clock that begins anew parts: how long it stood is not known, so that neither a rest nor a
 # motion may go on across; longer than the pause that ends both.
 _PAUSE = 25.0
@@ -19,8 +19,8 @@ def restarts(time: Float[np.ndarray, " rows"]) -> Int[np.ndarray, " restarts"]:
     steps = np.diff(time)
     if not len(steps):
         return np.zeros(0, int)
-    back = np.flatnonzero(steps < -_LATE * np.median(steps)) + 1
-    beside = lambda k: (np.median(time[max(k - _BESIDE, 0) : k]), np.median(time[k : k + _BESIDE]))
+    back = np.flatnonzero(steps < -LATE * np.median(steps)) + 1
+    beside = lambda k: (np.median(time[max(k - BESIDE, 0) : k]), np.median(time[k : k + BESIDE]))
     return np.array([k for k in back if np.greater(*beside(k))], int)
 
 
@@ -32,7 +32,7 @@ def _joined(time: Float[np.ndarray, " rows"]) -> Float[np.ndarray, " rows"]:
         return time
     steps = np.diff(time)
     usual, back = np.median(steps), steps[rows - 1]
-    full = len(rows) > 1 and np.ptp(back) < _LATE * usual
+    full = len(rows) > 1 and np.ptp(back) < LATE * usual
     later = np.zeros(len(time))
     later[rows] = (1.0 if full else _PAUSE) * usual - back
     return time + np.cumsum(later)
@@ -54,7 +54,7 @@ def can_be_mended(time: Float[np.ndarray, " rows"]) -> bool:
     if out_of_order(time).sum() > max(_FEW * len(time), 1.0):
         return False
     steps = np.diff(time)
-    return bool(steps.min() >= -_LATE * np.median(steps))
+    return bool(steps.min() >= -LATE * np.median(steps))
 
 
 def mended(time: Float[np.ndarray, " rows"], where: str = "the log") -> Float[np.ndarray, " rows"]:
@@ -71,7 +71,7 @@ def mended(time: Float[np.ndarray, " rows"], where: str = "the log") -> Float[np
     if not can_be_mended(time) and out_of_order(time).any():
         raise ValueError(
             f"{where}: {int(out_of_order(time).sum())} of {len(time)} stamps are not later than all before them; "
-            f"mend = true is for few ({_FEW:.0%} of the rows) that go back by less than {_LATE:g} usual steps, and for "
+            f"mend = true is for few ({_FEW:.0%} of the rows) that go back by less than {LATE:g} usual steps, and for "
             "clocks that begin anew; count rows with [columns] time = { rate = ... } in Hz."
         )
     time = _joined(time)
