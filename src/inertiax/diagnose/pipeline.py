@@ -141,7 +141,7 @@ def _calibrated(
     forms = {f.prepared.form.triad: f.prepared.form for f in findings}
     further = [e for d in delays for e in stored(d, log, forms[d.triad])]
     left = [text for text in map(not_applied, found.effects) if text]
-    found = replace(found, not_applied=tuple(left), notes=(*found.notes, *left))
+    found = replace(found, not_applied=tuple(left))
     fitted = {(s.name, c) for one in named for s in one.stored for c in s.channel_names}
     for e in found.effects:
         channels = [c for c in e.channels if (e.name, c) in fitted]

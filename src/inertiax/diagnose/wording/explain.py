@@ -80,7 +80,7 @@ def _together(prepared: Prepared, entries: list[_Entry]) -> Explanation:
     where += _passed_once(prepared, lead.term) if effect.jump else ""
     of_the_station = effect.common and "rad" in effect.units.values()  # angles
     where += share_of_axes(prepared.axes) if of_the_station else ""
-    untold = next((e.said.on_channels for e in entries if e.said.on_channels), ())
+    untold = tuple(next((e.said.on_channels for e in entries if e.said.on_channels), ()))
     return Explanation(
         name=lead.term.name,
         channels=tuple(dict.fromkeys(c for e in entries for c in e.said.channels)),
