@@ -68,6 +68,24 @@ def test_a_rival_that_predicts_the_same_is_as_likely(rows):
     assert found.near == () and found.odds == pytest.approx([0.5, 0.5])
 
 
+def test_names_that_hardly_act_do_not_take_the_place_of_one_that_fits_as_well(rows):
+    """Four names of next to no likelihood predict alike, being next to nothing; a jump has it, and many moments."""
+    dwell = rows[2]
+    mine = np.isin(dwell, 6 * np.arange(3)).astype(float)
+    other = np.isin(dwell, 6 * np.arange(12) + 1).astype(float)
+    lead = candidate(rows, "odd_quadratic", mine, 50.0)
+    idle = [
+        replace(candidate(rows, name, other, 46.0 - k), ratio=2.0)
+        for k, name in enumerate(("second_order", "third_order", "scale_asymmetry", "drift"))
+    ]
+    jump = replace(candidate(rows, "bias_step", other, 40.0), ratio=lead.ratio - 1.0)
+    found = with_predicted_rivals(seen(rows, mine), Named(lead, 1e-9, (), (*idle, jump)), [])
+    assert [r.term.name for r in found.rivals] == ["bias_step", *(c.term.name for c in idle[:3])]
+    far = replace(jump, ratio=lead.ratio - 7.0)  # beyond the bound of the set
+    found = with_predicted_rivals(seen(rows, mine), Named(lead, 1e-9, (), (*idle, far)), [])
+    assert "bias_step" not in [r.term.name for r in found.rivals]
+
+
 def test_a_name_that_is_left_out_takes_its_part_of_the_odds(rows):
     """35 to 1 against one rival: beyond the set's 20 to 1, and the name is no certainty: 35 / 36."""
     lead = candidate(rows, "second_order", np.ones(len(rows[2])), np.log(35.0))

@@ -11,6 +11,7 @@ from ..reduction.handling import Disturbance
 from .candidates.empirical import PREFIX
 from .candidates.signatures import Term
 from .estimates import single_rests
+from .estimates.like_components import one_of_like_components
 from .estimates.persistence import lowers_rms, persists, predicts
 from .estimates.predicted_rivals import led_by, named_instead, with_predicted_rivals
 from .estimates.separable import renewed
@@ -287,6 +288,7 @@ def find_once(
             if not any(swallows(prepared, b, n.candidate.term) for b in bursts)
         )
         answer = replace(answer, named=kept, verdict=answer.verdict if kept else "consistent")
+    answer = one_of_like_components(prepared, answer)
     searched = single_rests.searched(prepared)
     answer = _persistent(prepared, _catalogued(prepared, answer) if searched else answer)
     if searched:

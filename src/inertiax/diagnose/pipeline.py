@@ -22,9 +22,9 @@ from .candidates.signatures import Term
 from .custom_model import Parameters, prepare_model
 from .degree_beside import beside_late_elements, borne_out, chosen_again
 from .estimates.allan_check import allan_checks
-from .estimates.applied_effects import fitted_effects
 from .estimates.augmented_calibration import augmented_calibration, Beside
 from .estimates.calibration_chain import succeeding, taken_away
+from .estimates.channels_by_motions import told_by_motions
 from .estimates.cross_validation import held_out_rms, in_sample
 from .estimates.localisation import locate, tidy
 from .estimates.moved_parameters import moved_between
@@ -52,6 +52,7 @@ from .wording.explain import explain, formula
 from .wording.noise_doubt import doubted, noise_sentence
 from .wording.scatter import model_scatter_sentence, scatter_sentence
 from .wording.sentences import summary
+from .wording.untold_channels import not_applied
 
 
 DEFAULT_SITE = Site()
@@ -93,6 +94,9 @@ def diagnose_campaign(
             problem = further.prepared(seen, effects, noise)
             kept = further.kept(findings)
             findings = _find(problem, effects, campaign.grade, progress, kept)
+        findings = [
+            replace(f, answer=told_by_motions(problem, f.prepared, f.answer)) for f in findings
+        ]
         sentences = tuple(s for a in (again, further) if a is not None for s in a.sentences)
         found, named = conclude_findings(findings, effects, progress)
         if sentences:
@@ -136,11 +140,15 @@ def _calibrated(
     delays = [f.delay for f in findings if f.delay is not None]
     forms = {f.prepared.form.triad: f.prepared.form for f in findings}
     further = [e for d in delays for e in stored(d, log, forms[d.triad])]
-    notes = [
-        f"Fitted beside {e.name} on {', '.join(e.channels)}: {e.in_short}" for e in found.effects
-    ]
+    left = [text for text in map(not_applied, found.effects) if text]
+    found = replace(found, not_applied=tuple(left))
+    fitted = {(s.name, c) for one in named for s in one.stored for c in s.channel_names}
+    for e in found.effects:
+        channels = [c for c in e.channels if (e.name, c) in fitted]
+        if channels:
+            left.append(f"Fitted beside {e.name} on {', '.join(channels)}: {e.in_short}")
     try:
-        beside, estimate = augmented_calibration(problem, named, further, notes)
+        beside, estimate = augmented_calibration(problem, named, further, left)
     except ValueError as error:
         why = f"calibration.json is that of the plain model, since beside the named effects {error}"
         return replace(found, notes=(*found.notes, why)), plain
@@ -266,7 +274,7 @@ def conclude_findings(
             empirical.append(burst.formula(places[0].start, places[-1].end, prepared.clock[0]))
         qualities.append((finding, *_quality(prepared, answer, terms)))
         if answer.verdict != "unexplained":
-            beside.append(_beside(prepared, stated, named_terms))
+            beside.append(Beside.of(prepared, stated, [(n, t) for n, t, _ in named_terms]))
         rows.append(residuals(prepared, _everything(answer, terms), stated))
         if answer.alike:
             noise.append(TOLD.format(triad=prepared.form.triad))
@@ -312,15 +320,6 @@ def conclude_findings(
     return diagnosis, beside
 
 
-def _beside(
-    prepared: Prepared, noise: NoiseFit, tuned: Sequence[tuple[Named, Term, float | None]]
-) -> Beside:
-    """The named effects that have coefficients, with what is stored of each."""
-    pairs = fitted_effects(prepared, noise, [t for _, t, _ in tuned])
-    named = tuple(n for n, _, _ in tuned)
-    return Beside(prepared, tuple(t for t, _ in pairs), tuple(s for _, s in pairs), named)
-
-
 def tuned(
     prepared: Prepared, answer: Answer, noise: NoiseFit
 ) -> tuple[Prepared, list[tuple[Named, Term, float | None]]]:
@@ -332,7 +331,7 @@ def tuned(
         found = whiten_system(about.system, answer.noise, [term], others).scores
         if found:
             candidate = Candidate(term, found[0], named.candidate.ratio, named.candidate.evidence)
-            named = Named(candidate, named.p_value, named.rivals)
+            named = replace(named, candidate=candidate, near=())
         made.append((named, term, std))
     return about, made
 

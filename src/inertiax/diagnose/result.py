@@ -63,6 +63,8 @@ class Explanation(eqx.Module):
     separating_experiment: str = eqx.field(static=True)
     # The statement without sizes where they are many; of texts that stand beside a table of them.
     in_short: str = eqx.field(static=True, default="")
+    # Posterior shares of the channels that may have it, `channels` first, where the data do not tell which one has.
+    channel_odds: tuple[tuple[str, float], ...] = eqx.field(static=True, default=())
 
 
 class Quality(eqx.Module):
@@ -97,6 +99,8 @@ class Diagnosis(eqx.Module):
     detectable: tuple[Detectable, ...] = ()  # smallest sizes that would have shown
     # A formula, where no catalogued effect explains it.
     empirical: str | None = eqx.field(static=True, default=None)
+    # Named effects that the calibration was made without, and why.
+    not_applied: tuple[str, ...] = eqx.field(static=True, default=())
     notes: tuple[str, ...] = eqx.field(static=True, default=())  # what a reader should know
     handling: tuple[Disturbance, ...] = ()  # stretches of rests that were not judged
     # Where it was known from, and the fitted noise beside Allan deviations
@@ -131,6 +135,7 @@ class Diagnosis(eqx.Module):
             "parameters_moved": [_fields(m) for m in self.parameters_moved],
             "detectable": [_fields(d) for d in self.detectable],
             "handling": [d.as_dict() for d in self.handling],
+            "not_applied": list(self.not_applied),
             "notes": list(self.notes),
             "noise": list(self.noise),
             "noise_doubted": list(self.noise_doubted),
@@ -176,5 +181,6 @@ def _explanation(effect: Explanation) -> dict:
     del made["in_short"]
     made["parameters"] = {name: _fields(value) for name, value in effect.parameters}
     made["odds"] = dict(effect.odds)
+    made["channel_odds"] = dict(effect.channel_odds)
     made["evidence"] = _fields(effect.evidence)
     return made

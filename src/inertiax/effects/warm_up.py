@@ -24,9 +24,12 @@ def shape(
 def variants(signal: Signal) -> tuple[Variant, ...]:
     """Time constants from 30 s to the length of the campaign; from each power-on, and from the first if there are more.
 
-    One as long as the campaign still bends the course by more than a straight drift allows.
+    One as long as the campaign still bends the course by more than a straight drift allows. Of a campaign of minutes
+    the shortest is a tenth, in which there are rests enough to show its course: a form that is too slow leaves a
+    remainder, which would be taken for a second effect.
     """
-    grid = np.geomspace(30.0, max(60.0, min(4000.0, signal.duration)), 16)
+    shortest = min(30.0, 0.1 * signal.duration)
+    grid = np.geomspace(shortest, max(60.0, min(4000.0, signal.duration)), 16)
     again = bool(np.any(np.asarray(signal.since_power) != np.asarray(signal.since_start)))
     starts = ("each", "first") if again else ("each",)
     return tuple(

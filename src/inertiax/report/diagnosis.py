@@ -111,8 +111,13 @@ def _effect_section(found: Diagnosis, folder: Path) -> list[Section]:
                     caption="This data cannot tell these apart",
                 )
             )
+        if effect.channel_odds:
+            odds = tuple((channel, f"{100 * share:.1f}") for channel, share in effect.channel_odds)
+            caption = "Which channel has it this data does not tell; it is not applied"
+            tables.append(Table(("channel", "share, %"), odds, numeric=(1,), caption=caption))
         if effect.separating_experiment:
-            word = "separate them" if len(effect.odds) > 1 else "confirm it"
+            several = len(effect.odds) > 1 or effect.channel_odds
+            word = "separate them" if several else "confirm it"
             lines.append(f"Experiment that would {word}: {effect.separating_experiment}.")
         title = f"{effect.name} on {', '.join(effect.channels)}"
         driver = next((e.driver for e in CATALOGUE if e.name == effect.name), "time")

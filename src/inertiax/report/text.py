@@ -101,13 +101,18 @@ def print_diagnosis(found: "Diagnosis", device: str, folder: Path) -> None:
     console.print(found.summary)
     for effect in found.effects:
         rivals = f" or {', '.join(effect.alternatives)}" if effect.alternatives else ""
-        console.print(f"  {effect.name}{rivals} on {', '.join(effect.channels)}")
+        untold = (
+            f" or {', '.join(c for c, _ in effect.channel_odds[1:])}" if effect.channel_odds else ""
+        )
+        console.print(f"  {effect.name}{rivals} on {', '.join(effect.channels)}{untold}")
         rows = shown_parameters(effect.name, effect.parameters, found.first)
         for (name, value, sigma, unit), (_, p) in zip(rows, effect.parameters, strict=True):
             known = f"± {sigma} {unit}" if p.std is not None else f"{unit} ({sigma})"
             console.print(f"    {name} = {value} {known}")
         if effect.separating_experiment:
             console.print(f"    to tell more: {effect.separating_experiment}")
+    for line in found.not_applied:
+        console.print(line)
     console.print(
         f"written: {folder / 'diagnosis.json'}, {folder / 'calibration.json'}, {folder / 'report.html'}"
     )

@@ -21,10 +21,12 @@ from ...calibration.calibration import Calibration, TriadCalibration
 from ...calibration.fitted_effects import FittedEffect
 from ...effects import addition
 from ..candidates.signatures import Term
+from ..noise.observation_series import NoiseFit
 from ..observations.blocks import Log
 from ..problem import Prepared, Problem, with_outputs
 from ..selection.evidence import Candidate
 from ..selection.verdict import Named
+from .applied_effects import fitted_effects
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,6 +37,21 @@ class Beside:
     terms: tuple[Term, ...]
     stored: tuple[FittedEffect, ...]
     named: tuple[Named, ...] = ()  # with the rivals that the data do not exclude
+
+    @classmethod
+    def of(
+        cls, prepared: Prepared, noise: NoiseFit, named: Sequence[tuple[Named, Term]]
+    ) -> "Beside":
+        """The names with their refined terms that have coefficients and whose channels are told.
+
+        |f| is the same with an effect on any of the channels that may have it, and on a wrong one f is further off
+        than without it.
+        """
+        pairs = fitted_effects(prepared, noise, [t for _, t in named])
+        told = {id(t): n for n, t in named if not n.elsewhere}
+        pairs = [(t, s) for t, s in pairs if id(t) in told]
+        terms, stored = tuple(t for t, _ in pairs), tuple(s for _, s in pairs)
+        return cls(prepared, terms, stored, tuple(told.values()))
 
 
 def augmented_calibration(

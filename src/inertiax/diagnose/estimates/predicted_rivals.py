@@ -16,7 +16,7 @@ from jaxtyping import Float
 from ..candidates.signatures import Term
 from ..problem import Prepared
 from ..selection.evidence import Candidate
-from ..selection.verdict import Named
+from ..selection.verdict import Named, SAME
 from .cross_validation import gain_over_stretches
 from .persistence import carried
 
@@ -31,10 +31,13 @@ def with_predicted_rivals(prepared: Prepared, named: Named, others: Sequence[Ter
     With $d_r$ the squares of rest r under the rival less those under the name, beside the `others`:
     $t = \sum d_r / \sqrt{\sum d_r^2} < 2$ keeps the rival. Its odds against the name are
     $\Phi(-t) / \Phi(t)$, at most 1.
+
+    First asked are those that fit these rows as well as the name and stand behind it for the number of their forms
+    alone, as a jump does for its moments: names that predict as well because they hardly act must not take their place.
     """
     gain = gain_over_stretches(prepared, named.candidate.term, others)
     kept = list(named.rivals)
-    for rival in named.near:
+    for rival in sorted(named.near, key=lambda c: not _fits_as_well(c, named.candidate)):
         if len(kept) >= MOST:
             break
         t = _behind(gain, gain_over_stretches(prepared, rival.term, others))
@@ -73,6 +76,11 @@ def led_by(rival: Candidate, named: Named, p_value: float) -> Named:
         rivals=tuple(map(least, others)),
         near=tuple(map(least, named.near)),
     )
+
+
+def _fits_as_well(rival: Candidate, lead: Candidate) -> bool:
+    """Whether a rival with no more coefficients is within the set's bound by its likelihood alone."""
+    return rival.score.size <= lead.score.size and lead.ratio - rival.ratio < SAME
 
 
 def _behind(lead: Float[np.ndarray, " stretch"], rival: Float[np.ndarray, " stretch"]) -> float:

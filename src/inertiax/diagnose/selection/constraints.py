@@ -34,11 +34,16 @@ def causes(keys: Sequence[tuple[str, tuple[int, ...]]]) -> int:
 
 def twice(chosen: Sequence[Candidate], new: Candidate) -> bool:
     """Whether a channel would get a second one of an effect that it can only have once, or its opposite beside it."""
-    effect = new.term.effect
+    return barred([old.term for old in chosen], new.term)
+
+
+def barred(chosen: Sequence[Term], new: Term) -> bool:
+    """`twice` of terms."""
+    effect = new.effect
     if effect is None or not effect.once:
         return False
-    mine, names = set(new.term.channels), (effect.name, effect.opposite)
-    return any(old.term.name in names and mine & {*old.term.channels} for old in chosen)
+    mine, names = set(new.channels), (effect.name, effect.opposite)
+    return any(old.name in names and mine & {*old.channels} for old in chosen)
 
 
 def holds(wide: Term, narrow: Term) -> bool:

@@ -1,6 +1,6 @@
 """From candidates to an answer for one triad: gate, name, open-set check."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,11 +13,11 @@ from ..noise.observation_series import NoiseFit, System
 from ..noise.pooled_channels import alike
 from ..noise.reml import fit_noise
 from .candidate_screening import finer_forms, leaders, rank, screen, sharpen
-from .constraints import holds
+from .constraints import barred, holds
 from .evidence import bank, Candidate, count_forms, judge
 from .forward import Asked, Found, STILL
 from .lack_of_fit import left_over, LeftOver
-from .multiple_testing import Family, family
+from .multiple_testing import Family, family, Key
 from .score_test import Score
 from .thermal import remember, Remembered
 
@@ -37,6 +37,15 @@ class Named:
     near: tuple[
         Candidate, ...
     ] = ()  # and further names, by falling evidence, that a Gaussian noise excludes
+    # The same name on other channels, best first, where rows of |f| do not tell which one has it.
+    elsewhere: tuple[Candidate, ...] = ()
+
+    @property
+    def odds_of_channels(self) -> Float[np.ndarray, " reading"]:
+        """The chance that the name's own channels have it, and of each of the others that are left."""
+        evidence = np.array([c.evidence for c in (self.candidate, *self.elsewhere)])
+        weights = np.exp(evidence - evidence.max())
+        return weights / weights.sum()
 
     @property
     def odds(self) -> Float[np.ndarray, " name"]:
@@ -247,7 +256,11 @@ def _again(ask: Asked, mine: Candidate, others: list[Term], noises: list[NoiseFi
     """A chosen effect compared once more with all rivals beside the other chosen ones."""
     mine_only = set(mine.term.chains)
     catalogue = [
-        t for t in ask.short if not t.name.startswith(PREFIX) and not mine_only.isdisjoint(t.chains)
+        t
+        for t in ask.short
+        if not t.name.startswith(PREFIX)
+        and not mine_only.isdisjoint(t.chains)
+        and not barred(others, t)
     ]
     shared = bank(ask.system, noises, others)
     ranked = judge(ask.system, shared, catalogue, others, ask.forms, ask.grade)
@@ -272,4 +285,26 @@ def _again(ask: Asked, mine: Candidate, others: list[Term], noises: list[NoiseFi
         return tuple(c for c in others_named if 2.0 * (lead.evidence - c.evidence) < distance)
 
     rivals = within(SAME)
-    return Named(lead, ask.chance(lead), rivals, within(NEAR)[len(rivals) :])
+    near = within(NEAR)[len(rivals) :]
+    return Named(lead, ask.chance(lead), rivals, near, _elsewhere(lead, ranked, known))
+
+
+def _elsewhere(
+    lead: Candidate, ranked: Sequence[Candidate], known: Collection[Key]
+) -> tuple[Candidate, ...]:
+    """The lead's effect on other channels, in the best form on each, within the bound of the set.
+
+    Channels have rows of their own where outputs are compared with references. Where |f| is all that is known, they
+    share them: an addition to channel i changes |f| by its product with f_i, and f_p f_o on i is f_x f_y f_z on all.
+    """
+    best: dict[Key, Candidate] = {}
+    for c in ranked:
+        best.setdefault(c.key, c)
+    return tuple(
+        c
+        for key, c in best.items()
+        if key[0] == lead.term.name
+        and key != lead.key
+        and key not in known
+        and 2.0 * (lead.evidence - c.evidence) < SAME
+    )

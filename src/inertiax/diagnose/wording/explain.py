@@ -20,6 +20,7 @@ from ..result import Evidence, Explanation, Parameter
 from ..selection.evidence import Candidate
 from ..selection.verdict import Answer, Named
 from .sentences import Said, sentence
+from .untold_channels import channel_odds, PARTED_BY as CHANNELS_PARTED_BY
 
 
 IN_SHORT = 3  # numbers that a summary says of an effect; more are in the list of its parameters
@@ -47,7 +48,13 @@ def explain(
         gain = gain_of_channels(prepared, terms, term.name)
         entry = _Entry(
             term,
-            Said(term.channel_names, values, odds, float(prepared.clock[0])),
+            Said(
+                term.channel_names,
+                values,
+                odds,
+                float(prepared.clock[0]),
+                on_channels=channel_odds(named, term),
+            ),
             Evidence(bic, named.p_value, gain),
             tuple(r.term.name for r in named.rivals),
         )
@@ -73,6 +80,7 @@ def _together(prepared: Prepared, entries: list[_Entry]) -> Explanation:
     where += _passed_once(prepared, lead.term) if effect.jump else ""
     of_the_station = effect.common and "rad" in effect.units.values()  # angles
     where += share_of_axes(prepared.axes) if of_the_station else ""
+    untold = tuple(next((e.said.on_channels for e in entries if e.said.on_channels), ()))
     return Explanation(
         name=lead.term.name,
         channels=tuple(dict.fromkeys(c for e in entries for c in e.said.channels)),
@@ -82,8 +90,10 @@ def _together(prepared: Prepared, entries: list[_Entry]) -> Explanation:
         parameters=_parameters(entries),
         evidence=lead.evidence,
         statement=_sentences(effect, entries, math.inf) + where,
-        separating_experiment=PARTED_BY if prepared.motions else experiment(effect, alone=alone),
+        separating_experiment=(CHANNELS_PARTED_BY if untold else "")
+        + (PARTED_BY if prepared.motions else experiment(effect, alone=alone)),
         in_short=_sentences(effect, entries, IN_SHORT) + where,
+        channel_odds=untold,
     )
 
 

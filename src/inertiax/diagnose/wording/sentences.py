@@ -10,6 +10,7 @@ from ...effects.form_units import acts_on, Settings
 from ...effects.over_temperature import said_of_coefficients
 from ..observations.model_rows import ModelForm
 from ..result import Explanation, Parameter, Where
+from .untold_channels import channels_said
 
 
 def _number(effect: Effect, name: str, parameter: Parameter, first: float) -> str:
@@ -29,6 +30,8 @@ class Said(NamedTuple):
     odds: Sequence[tuple[str, float]]  # of this name and of those that the data do not exclude
     first: float = 0.0  # s, the recordings' clock at its first row
     form: str = ""  # where another form acts on the same channels
+    # Of the channels that may have it, where the data do not tell which one has.
+    on_channels: Sequence[tuple[str, float]] = ()
 
 
 def sentence(
@@ -60,6 +63,8 @@ def sentence(
             part = f" (form {m.form})" if m.form else ""
             where = f"On {', '.join(m.channels)}{part} this" if apart else "This"
             text += f" {where} data cannot decide between: {shares}."
+    for m in members:
+        text += channels_said(m.on_channels)
     return text
 
 
