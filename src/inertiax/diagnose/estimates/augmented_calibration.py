@@ -22,7 +22,8 @@ from ...calibration.fitted_effects import FittedEffect
 from ...effects import addition
 from ..candidates.signatures import Term
 from ..observations.blocks import Log
-from ..problem import Prepared, Problem, with_outputs
+from ..observations.log_outputs import with_outputs
+from ..problem import Prepared, Problem
 from ..selection.evidence import Candidate
 from ..selection.verdict import Named
 
