@@ -82,7 +82,7 @@ def creep(time, since, position, rng):
     "added", [None, tremor, fan, creep], ids=["white", "tremor", "fan", "creep"]
 )
 def test_what_has_no_phase_of_the_log_is_no_line(added):
-    for seed in range(4):
+    for seed in range(3):
         found = find_lines(join(attitudes(20, seed=seed, added=added)), "accel")
         assert found.lines == ()
 
@@ -100,6 +100,13 @@ def test_what_settles_in_even_steps_is_no_line():
     assert find_lines(log, "accel").lines == ()
 
 
+def test_a_slow_line_has_no_image_where_rests_follow_each_other():
+    # Rests 13 s apart show a line of 0.0203 Hz at 0.057 Hz, too, with a quarter of its amplitude.
+    log = join(attitudes(38, seconds=10.0, seed=3, added=sine(0.02, 0.0203)))
+    assert find_lines(log, "accel").lines == ()
+
+
+@pytest.mark.slow
 def test_the_least_size_is_that_of_the_whole_band():
     clean = find_lines(join(attitudes(20)), "accel")
     size, (low, high) = clean.sizes[0], clean.band

@@ -122,30 +122,36 @@ def _of_channel(
         return lines, np.inf
     weight = np.repeat(1.0 / np.maximum(square, QUIETEST * usual), rests.count)
     power = grid.power(weight * left)
+    slower = 0
     while len(lines) < MOST_LINES:
         start = grid.frequency(grid.stands_out(power))
-        frequency, value, curvature = _fitted(rests, left, weight, start)
-        columns = rests.centred(_sinusoids(frequency, rests.time))
-        if not grid.lowest <= frequency <= grid.frequency(grid.last):
+        found = _fitted(rests, left, weight, start)
+        if not grid.lowest <= found.frequency <= grid.frequency(grid.last):
             break
-        rest = left - columns @ value
-        power = grid.power(weight * rest)
+        after = grid.power(weight * (left - found.course))
         # Of white noise with the rests' own variances the power is the columns' square, and this is one.
-        noise = grid.level(power, frequency) / float(weight @ np.square(columns).sum(axis=1))
-        drop = float(weight @ (np.square(left) - np.square(rest)))
-        ratio = drop / noise if noise > 0.0 else 0.0
-        p_value = 3.0 * grid.trials * _chance(ratio, rests, grid)
-        halves = _gain_of_halves(rests, left, weight, columns)
-        if p_value > LEVEL or halves is None or _in_common(rests, left, weight, mean, drop):
+        noise = grid.level(after, found.frequency) / found.seen
+        ratio = found.drop / noise if noise > 0.0 else 0.0
+        p_value = float(min(3.0 * grid.trials * _chance(ratio, rests, grid), 1.0))
+        halves = _gain_of_halves(rests, left, weight, found.columns)
+        if p_value > LEVEL or halves is None or _in_common(rests, left, weight, mean, found.drop):
             break
-        covariance = noise * np.linalg.inv(curvature)
+        if slower < MOST_LINES:
+            slow = _fitted(rests, left, weight, grid.slow(power, rests, weight))
+            if (
+                slow.drop > found.drop
+            ):  # seen in rests alone, it has images wherever these follow each other
+                left, slower = left - slow.course, slower + 1
+                power = grid.power(weight * left)
+                continue
+        covariance = noise * np.linalg.inv(found.curvature)
         lines.append(
             Line(
-                triad, channel, frequency, float(np.sqrt(covariance[2, 2])), value,
+                triad, channel, found.frequency, float(np.sqrt(covariance[2, 2])), found.value,
                 covariance[:2, :2], p_value, ratio, len(left), halves,
             )
         )  # fmt: skip
-        left = rest
+        left, power = left - found.course, after
     return lines, _least(rests, grid, left, weight)
 
 
@@ -168,15 +174,31 @@ def _least(
     return float(deviations * np.sqrt(np.max(2.0 * usual / np.square(seen))))
 
 
+@dataclass(frozen=True, eq=False)
+class _Fit:
+    """A line fitted to what rests show."""
+
+    frequency: float  # Hz
+    value: Float[np.ndarray, "2"]
+    curvature: Float[np.ndarray, "3 3"]  # by value and frequency
+    columns: Float[np.ndarray, "row 2"]  # less their means in each rest
+    seen: float  # their weighted sum of squares
+    drop: float  # of the weighted sum of squares of what rests show
+
+    @property
+    def course(self) -> Float[np.ndarray, " row"]:
+        """What it adds, less its mean in each rest."""
+        return self.columns @ self.value
+
+
 def _fitted(
     rests: RestRows,
     left: Float[np.ndarray, " row"],
     weight: Float[np.ndarray, " row"],
     frequency: float,
-) -> tuple[float, Float[np.ndarray, "2"], Float[np.ndarray, "3 3"]]:
-    """The frequency of most drop near one, its coefficients, and the curvature by those and it (Gauss-Newton)."""
+) -> _Fit:
+    """The line of most drop near a frequency (Gauss-Newton)."""
     span = float(np.ptp(rests.time))
-    curvature, value = np.eye(3), np.zeros(2)
     for turn in range(TURNS + 1):
         both = _sinusoids(frequency, rests.time)
         columns = rests.centred(both)
@@ -185,11 +207,12 @@ def _fitted(
         slope = 2.0 * np.pi * rests.time * (both[:, 1] * value[0] - both[:, 0] * value[1])
         full = np.column_stack([columns, rests.centred(slope)])
         curvature = (full * weight[:, None]).T @ full
-        step = np.linalg.solve(curvature, (full * weight[:, None]).T @ (left - columns @ value))[2]
-        if turn == TURNS:
-            break
-        frequency += float(np.clip(step, -0.5 / span, 0.5 / span))
-    return frequency, value, curvature
+        remains = left - columns @ value
+        if turn < TURNS:
+            step = np.linalg.lstsq(curvature, (full * weight[:, None]).T @ remains)[0][2]
+            frequency += float(np.clip(step, -0.5 / span, 0.5 / span))
+    drop = float(weight @ (np.square(left) - np.square(remains)))
+    return _Fit(float(frequency), value, curvature, columns, float(np.trace(normal)), drop)
 
 
 def _chance(ratio: float, rests: RestRows, grid: Spectrum) -> float:

@@ -102,12 +102,24 @@ class Spectrum:
 
     def frequency(self, point: int) -> float:
         """Hz."""
-        return point / (self.number * self.step)
+        return float(point / (self.number * self.step))
 
     def power(self, values: Float[np.ndarray, " row"]) -> Float[np.ndarray, " point"]:
         """|Σ values exp(−2πi f t)|² at every point."""
         made = np.fft.rfft(np.bincount(self.place, values, minlength=self.number))
         return np.square(made.real) + np.square(made.imag)
+
+    def slow(
+        self, power: Float[np.ndarray, " point"], rests: RestRows, weight: Float[np.ndarray, " row"]
+    ) -> float:
+        """The frequency below the band whose line would explain most, Hz: of a slow one each rest's mean takes part."""
+        frequency = np.arange(int(np.ceil(self.apart)), self.first + 1) / (self.number * self.step)
+        length = rests.count * self.step
+        seen = np.add.reduceat(weight, rests.starts) @ (
+            1.0 - np.square(np.sinc(frequency * length[:, None]))
+        )
+        part = power[int(np.ceil(self.apart)) : self.first + 1]
+        return float(frequency[int(np.argmax(part / np.maximum(seen, 1e-300)))])
 
     def usual(self, power: Float[np.ndarray, " point"]) -> Float[np.ndarray, " piece"]:
         """Mean power of noise in pieces of the band, by their medians."""

@@ -48,7 +48,7 @@ def explain_lines(lines: Sequence[Line], first: float) -> Explanation:
         alternatives=(),
         odds=odds,
         parameters=tuple((_told(name, x, lines), p) for x in lines for name, p in _numbers(x)),
-        evidence=Evidence(float(bic), best.p_value, best.gain),
+        evidence=Evidence(float(bic), float(best.p_value), float(best.gain)),
         statement=text,
         separating_experiment=EFFECT.separating,
     )
@@ -91,7 +91,7 @@ def line_places(lines: Sequence[Line], log: Log) -> list[Where]:
             made.append(
                 Where(
                     line.name, int(number), float(clock[0]), float(clock[-1]), EFFECT.driver,
-                    line.amplitude / np.sqrt(2.0), line.p_value,
+                    float(line.amplitude / np.sqrt(2.0)), line.p_value,
                 )
             )  # fmt: skip
     return made
