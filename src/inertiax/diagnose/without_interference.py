@@ -30,7 +30,7 @@ from .observations.rest_lines import find_lines, Line, Sought, without_lines
 from .observations.rest_spectrum import rows_of_rests
 
 
-# Times that lines are looked for: without them rests are found anew, in whose further rows more of them may show.
+# Times that lines are taken away: without them rests are found anew, in whose further rows more of them may show.
 MOST_PASSES = 3
 
 
@@ -53,24 +53,29 @@ def without_interference(
 ) -> Freed:
     """Calibrate a campaign, and once more without the lines that matter, where the catalogue has them."""
     asked = any(e.name == EFFECT.name for e in catalogue)
-    recorded: DeviceResult | None = None
+    log, fitted = _calibrated(campaign, model)
+    recorded, sought = fitted, _sought(log, fitted) if asked else {}
     lines: dict[str, tuple[Line, ...]] = {}
-    for last in (*[False] * MOST_PASSES, True):
-        found = segment_each(campaign.recordings, held=True)
-        log = join(campaign, found=found)
-        numbered = of_one_device(campaign.recordings, found, moves=take_moves(campaign.model))
-        segments = tuple(s.without_held() for s in numbered)
-        fitted = calibrate_device(campaign, checked=True, model=model, segments=segments)
-        recorded = fitted if recorded is None else replace(recorded, segments=fitted.segments)
-        model = recorded.model
-        sought = _sought(log, fitted) if asked else {}
-        moving = [] if last else _moving(campaign, log, sought, fitted)
+    for _ in range(MOST_PASSES):
+        moving = _moving(campaign, log, sought, fitted)
         if not moving:
             break
         for line in moving:
             lines[line.triad] = (*lines.get(line.triad, ()), line)
         campaign = with_outputs(campaign, without_lines(log, moving))
+        log, fitted = _calibrated(campaign, recorded.model)
+        recorded = replace(recorded, segments=fitted.segments)
+        sought = _sought(log, fitted)
     return Freed(campaign, log, recorded, fitted, lines, sought)
+
+
+def _calibrated(campaign: Campaign, model: ModelSpec | None) -> tuple[Log, DeviceResult]:
+    """The campaign's rows, and its calibration from the same rests."""
+    found = segment_each(campaign.recordings, held=True)
+    log = join(campaign, found=found)
+    numbered = of_one_device(campaign.recordings, found, moves=take_moves(campaign.model))
+    segments = tuple(s.without_held() for s in numbered)
+    return log, calibrate_device(campaign, checked=True, model=model, segments=segments)
 
 
 def _sought(log: Log, fitted: DeviceResult) -> dict[str, Sought]:

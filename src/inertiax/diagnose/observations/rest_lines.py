@@ -144,7 +144,7 @@ def _of_channel(
                 left, slower = left - slow.course, slower + 1
                 power = grid.power(weight * left)
                 continue
-        covariance = noise * np.linalg.inv(found.curvature)
+        covariance = noise * np.linalg.pinv(found.curvature)
         lines.append(
             Line(
                 triad, channel, found.frequency, float(np.sqrt(covariance[2, 2])), found.value,
@@ -198,21 +198,33 @@ def _fitted(
     frequency: float,
 ) -> _Fit:
     """The line of most drop near a frequency (Gauss-Newton)."""
-    span = float(np.ptp(rests.time))
-    for turn in range(TURNS + 1):
-        both = _sinusoids(frequency, rests.time)
-        columns = rests.centred(both)
-        normal = (columns * weight[:, None]).T @ columns
-        value = np.linalg.solve(normal, (columns * weight[:, None]).T @ left)
-        slope = 2.0 * np.pi * rests.time * (both[:, 1] * value[0] - both[:, 0] * value[1])
-        full = np.column_stack([columns, rests.centred(slope)])
-        curvature = (full * weight[:, None]).T @ full
-        remains = left - columns @ value
-        if turn < TURNS:
-            step = np.linalg.lstsq(curvature, (full * weight[:, None]).T @ remains)[0][2]
-            frequency += float(np.clip(step, -0.5 / span, 0.5 / span))
+    most = 0.5 / float(np.ptp(rests.time))
+    fit, step = _at(rests, left, weight, frequency)
+    for _ in range(TURNS):
+        fit, step = _at(rests, left, weight, fit.frequency + float(np.clip(step, -most, most)))
+    return fit
+
+
+def _at(
+    rests: RestRows,
+    left: Float[np.ndarray, " row"],
+    weight: Float[np.ndarray, " row"],
+    frequency: float,
+) -> tuple[_Fit, float]:
+    """The line at a frequency, and the step from there to a better one."""
+    both = _sinusoids(frequency, rests.time)
+    columns = rests.centred(both)
+    normal = (columns * weight[:, None]).T @ columns
+    # At half the sampling rate one of the two is zero.
+    value = np.linalg.lstsq(normal, (columns * weight[:, None]).T @ left)[0]
+    remains = left - columns @ value
+    slope = 2.0 * np.pi * rests.time * (both[:, 1] * value[0] - both[:, 0] * value[1])
+    full = np.column_stack([columns, rests.centred(slope)])
+    curvature = (full * weight[:, None]).T @ full
+    step = np.linalg.lstsq(curvature, (full * weight[:, None]).T @ remains)[0][2]
     drop = float(weight @ (np.square(left) - np.square(remains)))
-    return _Fit(float(frequency), value, curvature, columns, float(np.trace(normal)), drop)
+    seen = float(np.trace(normal))
+    return _Fit(float(frequency), value, curvature, columns, seen, drop), float(step)
 
 
 def _chance(ratio: float, rests: RestRows, grid: Spectrum) -> float:
