@@ -23,8 +23,9 @@ from .estimates.separable import refined
 from .findings import Finding
 from .late_elements import LAG, late_elements
 from .noise.type_noise import TypeNoise
+from .observations.log_outputs import with_outputs
 from .observations.model_rows import calibrated
-from .problem import prepare, Problem, with_outputs
+from .problem import prepare, Problem
 
 
 # Drivers begin so of what a higher degree may explain instead, such as a loop that stands for curvature: it stays in

@@ -50,7 +50,8 @@ class Finding:
         consistent = self.answer.verdict == "consistent"
         if consistent and self.bursts:
             return "unexplained"
-        return "missing-physics" if consistent and self.delay is not None else self.answer.verdict
+        further = self.delay is not None or self.prepared.lines
+        return "missing-physics" if consistent and further else self.answer.verdict
 
     @property
     def delay(self) -> Delay | None:

@@ -15,11 +15,12 @@ from ..data.recording_order import in_order
 from ..effects import CATALOGUE, Effect
 from .candidates.signatures import block_shapes, coarsen, in_other_form, Term
 from .estimates.cross_validation import effect_columns, predict_rest
+from .estimates.tuned_names import tuned
 from .findings import find, find_all, Finding, Progress, silent
 from .observations.blocks import Blocks, cut, join, Log
 from .observations.model_rows import Baseline, calibrated, CalibratedTriad, rows, spanning, usable
 from .observations.signals import specific_force
-from .pipeline import conclude_findings, tuned
+from .pipeline import conclude_findings
 from .problem import prepare, prepare_triad, Prepared
 from .result import Diagnosis
 

@@ -29,26 +29,29 @@ from .estimates.cross_validation import held_out_rms, in_sample
 from .estimates.localisation import locate, tidy
 from .estimates.moved_parameters import moved_between
 from .estimates.parameters import moved
-from .estimates.separable import refined
-from .estimates.transients import (
-    burst_places,
-)
+from .estimates.transients import burst_places
+from .estimates.tuned_names import tuned
 from .findings import find, find_all, find_in_motions, Finding, Progress, silent
-from .noise.observation_series import NoiseFit
 from .noise.pooled_channels import TOLD
 from .noise.reml import interval_noise
 from .noise.type_noise import TypeNoise
 from .plan.detectability import Audited, conclude
-from .plan.limits import Audit
+from .plan.limits import smallest
 from .problem import prepare, Prepared, Problem
 from .problem_of_motions import prepared_motions
 from .residuals import residuals
-from .result import Detectable, Diagnosis, Quality, with_findings
-from .selection.evidence import Candidate
+from .result import Diagnosis, Quality, with_findings
 from .selection.score_test import whiten_system
 from .selection.verdict import Answer, Named
 from .wording.delay_report import explain_delay, ramp_places, stored, with_delays
 from .wording.explain import explain, formula
+from .wording.line_report import (
+    explain_lines,
+    line_places,
+    stored_lines,
+    untouched_sentences,
+    with_lines,
+)
 from .wording.noise_doubt import doubted, noise_sentence
 from .wording.scatter import model_scatter_sentence, scatter_sentence
 from .wording.sentences import summary
@@ -140,6 +143,7 @@ def _calibrated(
     delays = [f.delay for f in findings if f.delay is not None]
     forms = {f.prepared.form.triad: f.prepared.form for f in findings}
     further = [e for d in delays for e in stored(d, log, forms[d.triad])]
+    further += [e for p in problem.triads for e in stored_lines(p.lines, log, p.form)]
     left = [text for text in map(not_applied, found.effects) if text]
     found = replace(found, not_applied=tuple(left))
     fitted = {(s.name, c) for one in named for s in one.stored for c in s.channel_names}
@@ -248,6 +252,7 @@ def conclude_findings(
     verdict = next((v for v in ("unexplained", "missing-physics") if v in verdicts), "consistent")
     explanations, where, shifted, empirical = [], [], [], []
     beside, qualities, rows, noise, every_check = [], [], [], [], []
+    notes: list[str] = []
     for finding in findings:
         prepared, answer = finding.prepared, finding.answer
         found = [n.candidate.term for n in answer.named]
@@ -263,6 +268,11 @@ def conclude_findings(
             assert prepared.log is not None
             explanations.append(explain_delay(finding.delay))
             where.extend(ramp_places(finding.delay, prepared.log))
+        if prepared.lines and finding.verdict != "unexplained":
+            assert prepared.log is not None
+            explanations.append(explain_lines(prepared.lines, float(prepared.clock[0])))
+            where.extend(line_places(prepared.lines, prepared.log))
+        notes.extend(untouched_sentences(prepared.sought))
         for named, _, _ in named_terms:
             where.extend(locate(prepared, named.candidate, 0.0, named.p_value))
         if answer.unlisted is not None and answer.verdict == "unexplained":
@@ -287,6 +297,7 @@ def conclude_findings(
     chosen = max(qualities, key=lambda q: q[1].chi2_per_dof)
     plan = conclude([_audited(f) for f in findings], effects)
     plan = with_delays(plan, [f.prepared.delay for f in findings if f.prepared.delay is not None])
+    plan = with_lines(plan, [f.prepared.sought for f in findings if f.prepared.sought is not None])
     forms = [f.prepared.form for f in findings if not f.prepared.motions]
     said = summary(verdict, explanations, where, empirical, forms)
     handling = _handling(findings)
@@ -307,9 +318,9 @@ def conclude_findings(
         augmented=chosen[2],
         not_testable=tuple(name for name, _ in plan.not_testable),
         parameters_moved=tuple(shifted),
-        detectable=_smallest(plan) if verdict == "consistent" else (),
+        detectable=smallest(plan.detectable) if verdict == "consistent" else (),
         empirical="; ".join(empirical) or None,
-        notes=tuple(f"{name}: {why}" for name, why in plan.not_testable),
+        notes=(*(f"{name}: {why}" for name, why in plan.not_testable), *notes),
         handling=handling,
         noise=tuple(noise),
         noise_doubted=tuple(c.channel for c in doubtful),
@@ -318,22 +329,6 @@ def conclude_findings(
         first=float(findings[0].prepared.clock[0]),
     )
     return diagnosis, beside
-
-
-def tuned(
-    prepared: Prepared, answer: Answer, noise: NoiseFit
-) -> tuple[Prepared, list[tuple[Named, Term, float | None]]]:
-    """Named terms with their nuisance settings refined under the noise of the intervals, and the triad about them."""
-    about, terms, spread = refined(prepared, noise, [n.candidate.term for n in answer.named])
-    made = []
-    for k, (named, term, std) in enumerate(zip(answer.named, terms, spread)):
-        others = terms[:k] + terms[k + 1 :]
-        found = whiten_system(about.system, answer.noise, [term], others).scores
-        if found:
-            candidate = Candidate(term, found[0], named.candidate.ratio, named.candidate.evidence)
-            named = replace(named, candidate=candidate, near=())
-        made.append((named, term, std))
-    return about, made
 
 
 def _apart_from_unlisted(
@@ -378,13 +373,3 @@ def _audited(finding: Finding) -> Audited:
         listed = [t for t in prepared.candidates if not t.name.startswith(PREFIX)]
         scores = whiten_system(prepared.system, answer.noise, listed).scores
     return Audited(prepared, scores, answer.tests, answer.noise)
-
-
-def _smallest(plan: Audit) -> tuple[Detectable, ...]:
-    """For each effect and triad the channel on which the least of it would have shown."""
-    best: dict[tuple[str, str], Detectable] = {}
-    for d in plan.detectable:
-        key = d.name, d.channels[0].partition("_")[0]
-        if key not in best or d.size < best[key].size:
-            best[key] = d
-    return tuple(best.values())

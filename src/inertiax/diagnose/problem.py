@@ -5,20 +5,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .._jax import eqx, jax
+from .._jax import jax
 from ..calibrate.pipeline import calibrate_device
 from ..calibrate.results import DeviceResult, TriadResult
 from ..calibrate.table_error_sizes import table_error_sizes, within_statement
 from ..data.recording import Campaign
-from ..data.recording_order import in_order
 from ..effects import CATALOGUE, Effect, Signal, Variant
 from ..model_selection.model_spec import ModelSpec
 from ..numerics.compilation_cache import make_room
 from ..numerics.side_by_side import side_by_side
-from ..reduction.device_segments import of_one_device
-from ..reduction.known_moves import take_moves
 from ..reduction.rig_errors import move_covariance, rig_covariance
-from ..reduction.segments import segment_each
 from ..reduction.standing_axes import angles_of_axes
 from .candidates.bumps import between
 from .candidates.empirical import alternatives
@@ -27,8 +23,9 @@ from .candidates.smooth import flexible
 from .noise.observation_series import make, System
 from .noise.positioning_errors import with_rig_errors
 from .noise.type_noise import TypeNoise
-from .observations.blocks import Blocks, cut, join, Log, with_scatter_about
+from .observations.blocks import Blocks, cut, Log, with_scatter_about
 from .observations.delay_ramps import Delay, find_delay, without_delay
+from .observations.log_outputs import with_outputs
 from .observations.model_rows import (
     Baseline,
     calibrated,
@@ -39,6 +36,7 @@ from .observations.model_rows import (
     spanning,
     usable,
 )
+from .observations.rest_lines import Line, Sought
 from .observations.signals import build, specific_force
 from .observations.table_rows import standing_of_blocks, without_table_errors
 from .observations.untold_heading import (
@@ -46,6 +44,7 @@ from .observations.untold_heading import (
     with_heading_errors,
     with_leans_of_part_turns,
 )
+from .without_interference import without_interference
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,6 +63,8 @@ class Prepared:
     delay: Delay | None = (
         None  # what the ramps between plateaus say; taken away from the rows where it is found
     )
+    lines: tuple[Line, ...] = ()  # in the rests' samples; taken away from every one of them
+    sought: Sought | None = None  # what such lines are left, which move no mean of a rest
     log: Log | None = None
     only: Callable[[np.ndarray], "Prepared"] | None = None  # the same triad with some of its blocks
     motions: bool = False  # rows are of the gyros' motions between rests, two each, rad
@@ -74,7 +75,7 @@ class Prepared:
 class Problem:
     """A campaign with its calibration, and each calibrated triad ready to be diagnosed."""
 
-    campaign: Campaign  # without a delay that was found
+    campaign: Campaign  # without lines and a delay that were found
     plain: DeviceResult  # of the campaign as it was recorded
     fitted: DeviceResult  # of the campaign here
     log: Log
@@ -128,23 +129,21 @@ def prepare(
     if noise is not None:
         noise.require(campaign.rig)
     make_room()
-    found = segment_each(campaign.recordings, held=True)
-    log = join(campaign, found=found)
-    numbered = of_one_device(campaign.recordings, found, moves=take_moves(campaign.model))
-    segments = tuple(s.without_held() for s in numbered)
-    plain = calibrate_device(campaign, checked=True, model=model, segments=segments)
-    fitted = plain
+    freed = without_interference(campaign, catalogue, model)
+    campaign, log, plain, fitted = freed.campaign, freed.log, freed.recorded, freed.fitted
     delays: dict[str, Delay] = {}
     if any(e.stream_delay for e in catalogue):
-        log, delays = _delays(log, plain)
+        log, delays = _delays(log, fitted)
     if any(d.found for d in delays.values()):
         campaign = with_outputs(campaign, log)
         fitted = calibrate_device(
-            campaign, model=plain.model, checked=True, segments=plain.segments
+            campaign, model=plain.model, checked=True, segments=fitted.segments
         )
     prepared = []
     for made in prepared_triads(campaign, log, fitted, catalogue, in_ramps=tuple(delays)):
-        made = replace(made, delay=delays.get(made.form.triad))
+        triad = made.form.triad
+        made = replace(made, delay=delays.get(triad))
+        made = _with_lines(made, freed.lines.get(triad, ()), freed.sought.get(triad))
         prepared.append(made if noise is None else replace(made, system=noise.inform(made.system)))
     return Problem(campaign, plain, fitted, log, tuple(prepared))
 
@@ -183,6 +182,13 @@ def prepared_triads(
     return side_by_side(one, models, rows=len(models) * len(log.time))
 
 
+def _with_lines(made: Prepared, lines: tuple[Line, ...], sought: Sought | None) -> Prepared:
+    """A triad with the lines that it was freed from and that it has, also on fewer blocks."""
+    of_blocks = made.only
+    again = of_blocks and (lambda kept: _with_lines(of_blocks(kept), lines, sought))
+    return replace(made, lines=lines, sought=sought, only=again)
+
+
 def _table_errors(result: TriadResult) -> np.ndarray | None:
     """The table's errors as far as the station's statement allows them, in stated standard deviations."""
     sizes = table_error_sizes(result.estimator, result.solution.curve, result.dwells)
@@ -218,24 +224,6 @@ def _delays(log: Log, fitted: DeviceResult) -> tuple[Log, dict[str, Delay]]:
         if delay.found:
             log = without_delay(log, delay, model)
     return log, delays
-
-
-def with_outputs(campaign: Campaign, log: Log) -> Campaign:
-    """The campaign with the outputs of its log, whose rows are those of the recordings in order of time.
-
-    Its recordings stay in their own order, in which what was found in them is listed.
-    """
-    place = {id(r): k for k, r in enumerate(in_order(campaign.recordings))}
-    made = []
-    for recording in campaign.recordings:
-        mine = log.recording == place[id(recording)]
-        outputs = [None if x is None else x[mine] for x in (log.accel, log.gyro)]
-        made.append(
-            eqx.tree_at(
-                lambda r: (r.accel, r.gyro), recording, outputs, is_leaf=lambda x: x is None
-            )
-        )
-    return eqx.tree_at(lambda c: c.recordings, campaign, tuple(made))
 
 
 def prepare_triad(

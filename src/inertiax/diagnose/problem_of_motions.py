@@ -57,6 +57,8 @@ def _of_rows(
         flexible=(),
         missing=missing,
         delay=None,
+        lines=(),
+        sought=None,
         only=again,
         motions=True,
     )

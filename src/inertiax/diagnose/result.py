@@ -133,7 +133,7 @@ class Diagnosis(eqx.Module):
             },
             "not_testable": list(self.not_testable),
             "parameters_moved": [_fields(m) for m in self.parameters_moved],
-            "detectable": [_fields(d) for d in self.detectable],
+            "detectable": [d.as_dict() for d in self.detectable],
             "handling": [d.as_dict() for d in self.handling],
             "not_applied": list(self.not_applied),
             "notes": list(self.notes),

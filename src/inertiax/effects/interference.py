@@ -13,15 +13,24 @@ from .moment import Moment, of_the_moment
 from .signal import Signal
 
 
+FASTEST = 0.04  # Hz: some blocks of a few seconds to a period
+SAMPLED = 0.45  # of the blocks' rate: half of it is what they can tell at all
+
+
 def shape(signal: Signal, *, frequency: Scalar | float) -> Float[AnyArray, "time channels columns"]:
     """Sine and cosine of one frequency, Hz."""
     phase = 2.0 * xp.pi * frequency * xp.asarray(signal.time)
     return xp.stack([xp.sin(phase), xp.cos(phase)], axis=-1)[:, None, :]
 
 
+def highest_of_blocks(step: float) -> float:
+    """Hz, up to which means over blocks of `step` s show a line; the samples of rests tell what is faster."""
+    return min(FASTEST, SAMPLED / step)
+
+
 def _grid(signal: Signal):
     step = float(np.median(np.diff(np.asarray(signal.time))))
-    highest = min(0.04, 0.45 / step)
+    highest = highest_of_blocks(step)
     lowest = 4.0 / signal.duration
     return np.linspace(lowest, highest, int(min(450, max(2, (highest - lowest) * signal.duration))))
 

@@ -51,7 +51,7 @@ def size_rows(audit: Audit) -> list[tuple[str, ...]]:
     """One row for each effect and triad; a dash where an axis shows nothing."""
     groups: dict[tuple[str, str], list[Detectable]] = {}
     for d in audit.detectable:
-        groups.setdefault((d.name, d.channels[0].partition("_")[0]), []).append(d)
+        groups.setdefault((d.whole_name, d.channels[0].partition("_")[0]), []).append(d)
     rows = []
     for (name, triad), members in groups.items():
         factor, unit = customary(min(d.size for d in members), members[0].unit)

@@ -330,7 +330,7 @@ def _limits_section(found: Diagnosis) -> list[Section]:
     sections = []
     if found.detectable:
         rows = tuple(
-            (d.name, ", ".join(d.channels), *_size(d.size, d.unit)) for d in found.detectable
+            (d.whole_name, ", ".join(d.channels), *_size(d.size, d.unit)) for d in found.detectable
         )
         table = Table(
             ("effect", "channels", "smallest size", "unit"),

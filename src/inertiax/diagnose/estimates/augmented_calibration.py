@@ -23,7 +23,8 @@ from ...effects import addition
 from ..candidates.signatures import Term
 from ..noise.observation_series import NoiseFit
 from ..observations.blocks import Log
-from ..problem import Prepared, Problem, with_outputs
+from ..observations.log_outputs import with_outputs
+from ..problem import Prepared, Problem
 from ..selection.evidence import Candidate
 from ..selection.verdict import Named
 from .applied_effects import fitted_effects

@@ -188,8 +188,15 @@ def detectable_sizes(one: Audited) -> list[Detectable]:
             usual = effect.usual(one.prepared.form.triad, None, duration(one.prepared.system))
             size = np.inf if usual and size > BEYOND * usual[1] else size
         if np.isfinite(size):
-            made.append(Detectable(name, channels, float(size), unit))
+            band = _band(members) if effect.nuisance_unit == "Hz" else None
+            made.append(Detectable(name, channels, float(size), unit, band))
     return made
+
+
+def _band(members: Sequence[tuple[Score, float]]) -> tuple[float, float]:
+    """Frequencies among which that of the smallest size was sought, Hz."""
+    values = [score.term.setting for score, _ in members]
+    return min(values), max(values)
 
 
 def smallest_coefficient(members: Sequence[tuple[Score, float]]) -> tuple[float, str]:

@@ -1,5 +1,7 @@
 """What a plan can tell and what it cannot: the outcome of an audit."""
 
+from collections.abc import Sequence
+
 from ..._jax import eqx
 from ...model_selection.model_spec import ModelSpec
 
@@ -14,6 +16,31 @@ class Detectable(eqx.Module):
     channels: tuple[str, ...] = eqx.field(static=True)  # such as accel_y
     size: float = eqx.field(static=True)  # in `unit`
     unit: str = eqx.field(static=True)  # SI
+    # Hz, of the lines that it holds for, where it does not for all forms of the effect.
+    band: tuple[float, float] | None = eqx.field(static=True, default=None)
+
+    def as_dict(self) -> dict:
+        """For scripts; the band where there is one."""
+        made: dict = {"name": self.name, "channels": list(self.channels), "size": self.size}
+        made["unit"] = self.unit
+        return made if self.band is None else {**made, "band": list(self.band)}
+
+    @property
+    def whole_name(self) -> str:
+        """The name with the band, for people."""
+        if self.band is None:
+            return self.name
+        return f"{self.name} of {self.band[0]:.2g} to {self.band[1]:.2g} Hz"
+
+
+def smallest(found: Sequence[Detectable]) -> tuple[Detectable, ...]:
+    """For each effect, triad and band the channel on which the least of it would have shown."""
+    best: dict[tuple, Detectable] = {}
+    for d in found:
+        key = d.name, d.channels[0].partition("_")[0], d.band
+        if key not in best or d.size < best[key].size:
+            best[key] = d
+    return tuple(best.values())
 
 
 class Alias(eqx.Module):
@@ -64,7 +91,7 @@ class Audit(eqx.Module):
         taken = {a.name for a in self.absorbed}
         made += [f"not testable: {n} ({why})" for n, why in self.not_testable if n not in taken]
         made += [
-            f"detectable from {d.size:.2g} {d.unit}: {d.name} on {', '.join(d.channels)}"
+            f"detectable from {d.size:.2g} {d.unit}: {d.whole_name} on {', '.join(d.channels)}"
             for d in self.detectable
         ]
         made += [
@@ -86,10 +113,7 @@ class Audit(eqx.Module):
                 for a in self.absorbed
             ],
             "not_testable": [{"name": n, "reason": why} for n, why in self.not_testable],
-            "detectable": [
-                {"name": d.name, "channels": list(d.channels), "size": d.size, "unit": d.unit}
-                for d in self.detectable
-            ],
+            "detectable": [d.as_dict() for d in self.detectable],
             "sets": [
                 {
                     "names": list(s.names),
