@@ -82,8 +82,12 @@ def calibrate_gyros(
         except ValueError as error:
             if chosen.fixed or campaign.model.gyro_estimator == "gravity":
                 raise
-            warnings.append(f"gyros: 'static' instead of 'gravity', which failed: {error}")
+            if turns.contradicted is None:  # else the fit failed for that
+                warnings.append(f"gyros: 'static' instead of 'gravity', which failed: {error}")
         chosen = dataclasses.replace(chosen, gyro_estimator="static")
+        if not chosen.fixed and turns.contradicted is not None:
+            alone = estimate(chosen, rows_for("gyro", chosen, dwells))
+            return dataclasses.replace(alone, contradicted=turns.contradicted), chosen, None
     lacking = missing_axes(dwells) if chosen.gyro_estimator == "reference" else ""
     if lacking:
         try:

@@ -22,7 +22,7 @@ from ..reduction.segments import segment_each
 from ..reduction.standing_axes import angles_of_axes
 from .candidates.bumps import between
 from .candidates.empirical import alternatives
-from .candidates.signatures import block_shapes, coarsen, in_other_form, Term, terms
+from .candidates.signatures import block_shapes, coarsen, in_other_form, NO_RATES, Term, terms
 from .candidates.smooth import flexible
 from .noise.observation_series import make, System
 from .noise.positioning_errors import with_rig_errors
@@ -39,6 +39,7 @@ from .observations.model_rows import (
     spanning,
     usable,
 )
+from .observations.motion_rows import few_motions
 from .observations.signals import build, specific_force
 from .observations.table_rows import standing_of_blocks, without_table_errors
 from .observations.untold_heading import (
@@ -142,9 +143,12 @@ def prepare(
         fitted = calibrate_device(
             campaign, model=plain.model, checked=True, segments=plain.segments
         )
-    prepared = []
+    prepared, why = [], few_motions(campaign, log, fitted)
     for made in prepared_triads(campaign, log, fitted, catalogue, in_ramps=tuple(delays)):
         made = replace(made, delay=delays.get(made.form.triad))
+        if why is not None and made.form.triad == "gyro":
+            reasons = {k: why if v == NO_RATES else v for k, v in made.missing.items()}
+            made = replace(made, missing=reasons)
         prepared.append(made if noise is None else replace(made, system=noise.inform(made.system)))
     return Problem(campaign, plain, fitted, log, tuple(prepared))
 

@@ -262,6 +262,8 @@ def settle_gyro(campaign: Campaign, turns: Turns) -> tuple[str, str | None]:
     Raises `ValueError` where the campaign asks for "gravity" and its motions cannot support it.
     """
     lacking = shortfall(turns)
+    if lacking is not None and turns.contradicted is not None:
+        lacking = turns.contradicted.statement  # which left too few for the rest
     if campaign.model.gyro_estimator == "gravity":
         if lacking is not None:
             where = "[model]" if campaign.path is None else f"{campaign.path}: [model]"
