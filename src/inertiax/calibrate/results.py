@@ -34,6 +34,8 @@ class TriadResult(Module):
     follows: str = field(static=True, default="")  # what the misfit follows, if anything
     slow_noise: SlowNoise = field(static=True, default=SlowNoise())  # within `solution.covariance`
     fitted: Dwells | None = None  # all that were fitted, where `dwells` are not all of them
+    # What rests err alike by their rounding, within `solution.covariance`; `None` where noise dithers them.
+    rounding: Float[AnyArray, "unknowns unknowns"] | None = None
     # Of gyros at rest alone, where their motions contradict gravity's turns.
     contradicted: Contradiction | None = field(static=True, default=None)
 

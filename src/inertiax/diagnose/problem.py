@@ -147,10 +147,21 @@ def prepare(
     for made in prepared_triads(campaign, log, fitted, catalogue, in_ramps=tuple(delays)):
         made = replace(made, delay=delays.get(made.form.triad))
         if why is not None and made.form.triad == "gyro":
-            reasons = {k: why if v == NO_RATES else v for k, v in made.missing.items()}
-            made = replace(made, missing=reasons)
+            made = _with_reason(made, why)
         prepared.append(made if noise is None else replace(made, system=noise.inform(made.system)))
     return Problem(campaign, plain, fitted, log, tuple(prepared))
+
+
+def _with_reason(made: Prepared, why: str) -> Prepared:
+    """The triad, and what is made of some of its blocks, with the reason why rates are not judged."""
+    again = made.only
+    return replace(
+        made,
+        missing={
+            name: why if reason == NO_RATES else reason for name, reason in made.missing.items()
+        },
+        only=None if again is None else lambda kept: _with_reason(again(kept), why),
+    )
 
 
 def prepared_triads(

@@ -8,6 +8,7 @@ import dataclasses
 import math
 
 import numpy as np
+from jaxtyping import Float
 
 from ..data.formats.columns import GYRO_UNITS
 from . import remedies
@@ -49,10 +50,10 @@ def axis_factor(motions: Motions, given: float, limits: Thresholds) -> AxisFacto
     coarse = _coarse(motions)
     factors = np.exp(np.arange(0.0, math.log(_LARGEST), math.log(_RATIO)))
     factors = np.concatenate([1.0 / factors[:0:-1], factors])
+    factors = np.concatenate([factors, -factors])
     made = []
     for axes in _AXES:
-        scores = [_scored(coarse, axes, f) for f in (*factors, *-factors)]
-        first = (*factors, *-factors)[int(np.argmin(scores))]
+        first = factors[int(np.argmin(_scores(coarse, axes, factors)))]
         made.append(_refined(motions, axes, float(first)))
     least = min(m.misfit for m in made)
     # Motions of several radians keep 0.2 rad of gyros that are off by 5 %: what does not disagree will do.
@@ -108,10 +109,16 @@ def _coarse(motions: Motions) -> Motions:
     return Motions(angle, motions.before[some], motions.after[some])
 
 
-def _scored(motions: Motions, axes: tuple[int, ...], factor: float) -> float:
-    by = np.ones(3)
-    by[list(axes)] = factor
-    return float(score(misfit_as_given(dataclasses.replace(motions, angle=motions.angle * by))))
+def _scores(
+    motions: Motions, axes: tuple[int, ...], factors: Float[np.ndarray, " factor"]
+) -> Float[np.ndarray, " factor"]:
+    """What is left, rad, with each factor; all at once."""
+    by = np.ones((len(factors), 1, 1, 3))
+    by[..., list(axes)] = factors[:, None, None, None]
+    count, steps, _ = motions.angle.shape
+    angle = (motions.angle * by).reshape(-1, steps, 3)
+    tiled = [np.tile(u, (len(factors), 1)) for u in (motions.before, motions.after)]
+    return score(misfit_as_given(Motions(angle, *tiled)).reshape(-1, count))
 
 
 def _refined(motions: Motions, axes: tuple[int, ...], near: float) -> AxisFactor:
@@ -121,10 +128,11 @@ def _refined(motions: Motions, axes: tuple[int, ...], near: float) -> AxisFactor
     some = slice(None, None, -(-motions.count // _MORE))
     few = Motions(motions.angle[some], motions.before[some], motions.after[some])
     width = math.log(_RATIO)
-    cost = lambda log: _scored(few, axes, near * math.exp(float(log)))
+    left = lambda of, factor: float(_scores(of, axes, np.array([factor]))[0])
+    cost = lambda log: left(few, near * math.exp(float(log)))
     best = minimize_scalar(cost, bounds=(-width, width), method="bounded", options={"xatol": 3e-3})
     factor = near * math.exp(float(best.x))
-    return AxisFactor(axes, factor, _scored(motions, axes, factor))
+    return AxisFactor(axes, factor, left(motions, factor))
 
 
 def _likely(device: DeviceLogs, factor: float, limits: Thresholds) -> tuple[str | None, float]:
