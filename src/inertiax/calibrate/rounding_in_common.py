@@ -66,7 +66,9 @@ def _alike(
     some = rows[np.linspace(0, len(rows) - 1, min(len(rows), _MOST_RESTS)).astype(int)]
     outputs = [np.asarray(recordings[k].gyro)[a:b, axis] for k, a, b, _ in some]
     mean = np.asarray(dwells.gyro)[rests, axis]
-    step = float(converter_steps(recordings[int(some[0, 0])].gyro)[axis])
+    first = recordings[int(some[0, 0])].gyro
+    assert first is not None  # `dwells.gyro` are its means
+    step = float(converter_steps(first)[axis])
     if step == 0.0:
         held = np.concatenate(outputs)
         value = np.partition(held, len(held) // 2)[len(held) // 2]

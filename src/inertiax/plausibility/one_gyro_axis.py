@@ -117,8 +117,8 @@ def _scores(
     by[..., list(axes)] = factors[:, None, None, None]
     count, steps, _ = motions.angle.shape
     angle = (motions.angle * by).reshape(-1, steps, 3)
-    tiled = [np.tile(u, (len(factors), 1)) for u in (motions.before, motions.after)]
-    return score(misfit_as_given(Motions(angle, *tiled)).reshape(-1, count))
+    before, after = (np.tile(u, (len(factors), 1)) for u in (motions.before, motions.after))
+    return score(misfit_as_given(Motions(angle, before, after)).reshape(-1, count))
 
 
 def _refined(motions: Motions, axes: tuple[int, ...], near: float) -> AxisFactor:
@@ -144,10 +144,11 @@ def _likely(device: DeviceLogs, factor: float, limits: Thresholds) -> tuple[str 
     halves = 2.0 ** round(math.log2(size))
     if abs(halves / size - 1.0) < limits.rate_off:
         return None, math.copysign(halves, factor)
-    for unit, si in GYRO_UNITS.items() if now is not None else ():
+    if now is None:
+        return None, factor
+    for unit, si in GYRO_UNITS.items():
         power = 10.0 ** round(math.log10(now * size / si))
         if abs(power * si / (now * size) - 1.0) < limits.rate_off:
-            return f"{power:g} {unit}" if power != 1.0 else unit, math.copysign(
-                power * si / now, factor
-            )
+            said = unit if power == 1.0 else f"{power:g} {unit}"
+            return said, math.copysign(power * si / now, factor)
     return None, factor

@@ -55,5 +55,5 @@ def contradiction(
     off = misfit > limit
     if 2 * off.sum() <= len(off):
         return None
-    where = tuple((*spans[k], float(misfit[k])) for k in np.flatnonzero(off))
+    where = tuple((*spans[k], float(misfit[k])) for k in np.flatnonzero(off).tolist())
     return Contradiction(int(off.sum()), len(off), float(misfit.mean()), where)
