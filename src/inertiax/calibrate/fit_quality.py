@@ -85,6 +85,9 @@ def judge(result: DeviceResult) -> Quality:
         if follows_temperature(estimate.follows):
             advice.insert(0, f"{name}: rests after the device has reached its temperature.")
         own += _outliers(name, estimate)
+        if estimate.contradicted is not None:
+            said = f"{estimate.contradicted.statement}. Biases at rest are all that is told"
+            own.append(Finding("motions", UNUSABLE, f"{name}: {said}."))
         triads.append(_triad_verdict(name, own))
         findings += own
     accel = result.accel

@@ -9,7 +9,12 @@ from .._jax import Array, eqx, jax
 from .._typing import AnyArray
 from ..data.recording import Campaign, Recording
 from ..estimators import AbstractEstimator
-from ..model_selection.select_model import build_estimators, ChosenModel, settle_gyro
+from ..model_selection.select_model import (
+    at_rest_alone,
+    build_estimators,
+    ChosenModel,
+    settle_gyro,
+)
 from ..physics.error_model import compensate_accel
 from ..physics.temperature import Curve
 from ..reduction.dwells import Dwells
@@ -82,8 +87,15 @@ def calibrate_gyros(
         except ValueError as error:
             if chosen.fixed or campaign.model.gyro_estimator == "gravity":
                 raise
-            warnings.append(f"gyros: 'static' instead of 'gravity', which failed: {error}")
+            if turns.contradicted is None:
+                warnings.append(f"gyros: 'static' instead of 'gravity', which failed: {error}")
+            else:  # which is why it failed
+                choices[:] = [c for c in choices if c != reason]
+                choices.append(at_rest_alone(turns.contradicted.statement))
         chosen = dataclasses.replace(chosen, gyro_estimator="static")
+        if not chosen.fixed and turns.contradicted is not None:
+            alone = estimate(chosen, rows_for("gyro", chosen, dwells))
+            return dataclasses.replace(alone, contradicted=turns.contradicted), chosen, None
     lacking = missing_axes(dwells) if chosen.gyro_estimator == "reference" else ""
     if lacking:
         try:

@@ -65,6 +65,7 @@ from .results import (
     MagnetometerResult as MagnetometerResult,
     TriadResult as TriadResult,
 )
+from .rounding_in_common import with_common_rounding
 
 
 METHODS = ("gauss-newton", "joint", "paper")
@@ -225,6 +226,7 @@ def _estimated(
         campaign, chosen, accel_result, dwells, method, robust, progress, choices, warnings
     )
     if gyro_result is not None and not chosen.together:
+        gyro_result = with_common_rounding(gyro_result, recordings)
         seen(gyro_result)
     warnings.extend(_of_levels(gyro_result, campaign))
     choices.extend(w for r in (accel_result, gyro_result) for w in moment_words(r))

@@ -11,6 +11,7 @@ from ..model_selection.model_spec import ModelSpec
 from ..physics.temperature import Curve
 from ..plausibility import Finding
 from ..procedure.thermal_iterations import ThermalSolution
+from ..reduction.contradicted_motions import Contradiction
 from ..reduction.dwells import Dwells
 from ..reduction.handling import Disturbance
 from ..reduction.segments import Segments
@@ -33,6 +34,10 @@ class TriadResult(Module):
     follows: str = field(static=True, default="")  # what the misfit follows, if anything
     slow_noise: SlowNoise = field(static=True, default=SlowNoise())  # within `solution.covariance`
     fitted: Dwells | None = None  # all that were fitted, where `dwells` are not all of them
+    # What rests err alike by their rounding, within `solution.covariance`; `None` where noise dithers them.
+    rounding: Float[AnyArray, "unknowns unknowns"] | None = None
+    # Of gyros at rest alone, where their motions contradict gravity's turns.
+    contradicted: Contradiction | None = field(static=True, default=None)
 
     @property
     def rms(self) -> float:

@@ -19,6 +19,7 @@ from ..plausibility import require_plausible
 from ..reduction.handling import Disturbance, kept_sentence, left_out_sentence
 from .candidates.empirical import PREFIX
 from .candidates.signatures import Term
+from .contradicted_gyros import contradicted, unnamed, with_contradiction
 from .custom_model import Parameters, prepare_model
 from .degree_beside import beside_late_elements, borne_out, chosen_again
 from .estimates.allan_check import allan_checks
@@ -101,7 +102,10 @@ def diagnose_campaign(
             replace(f, answer=told_by_motions(problem, f.prepared, f.answer)) for f in findings
         ]
         sentences = tuple(s for a in (again, further) if a is not None for s in a.sentences)
+        against = contradicted(problem.plain)
+        findings = unnamed(findings, against)
         found, named = conclude_findings(findings, effects, progress)
+        found = with_contradiction(found, against, seen)
         if sentences:
             said = " ".join((found.summary, *sentences))
             found = replace(found, summary=said, notes=(*found.notes, *sentences))

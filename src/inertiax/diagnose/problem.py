@@ -18,7 +18,7 @@ from ..reduction.rig_errors import move_covariance, rig_covariance
 from ..reduction.standing_axes import angles_of_axes
 from .candidates.bumps import between
 from .candidates.empirical import alternatives
-from .candidates.signatures import block_shapes, coarsen, in_other_form, Term, terms
+from .candidates.signatures import block_shapes, coarsen, in_other_form, NO_RATES, Term, terms
 from .candidates.smooth import flexible
 from .noise.observation_series import make, System
 from .noise.positioning_errors import with_rig_errors
@@ -36,6 +36,7 @@ from .observations.model_rows import (
     spanning,
     usable,
 )
+from .observations.motion_rows import few_motions
 from .observations.rest_lines import Line, Sought
 from .observations.signals import build, specific_force
 from .observations.table_rows import standing_of_blocks, without_table_errors
@@ -139,13 +140,27 @@ def prepare(
         fitted = calibrate_device(
             campaign, model=plain.model, checked=True, segments=fitted.segments
         )
-    prepared = []
+    prepared, why = [], few_motions(campaign, log, fitted)
     for made in prepared_triads(campaign, log, fitted, catalogue, in_ramps=tuple(delays)):
         triad = made.form.triad
         made = replace(made, delay=delays.get(triad))
         made = _with_lines(made, freed.lines.get(triad, ()), freed.sought.get(triad))
+        if why is not None and triad == "gyro":
+            made = _with_reason(made, why)
         prepared.append(made if noise is None else replace(made, system=noise.inform(made.system)))
     return Problem(campaign, plain, fitted, log, tuple(prepared))
+
+
+def _with_reason(made: Prepared, why: str) -> Prepared:
+    """The triad, and what is made of some of its blocks, with the reason why rates are not judged."""
+    again = made.only
+    return replace(
+        made,
+        missing={
+            name: why if reason == NO_RATES else reason for name, reason in made.missing.items()
+        },
+        only=None if again is None else lambda kept: _with_reason(again(kept), why),
+    )
 
 
 def prepared_triads(

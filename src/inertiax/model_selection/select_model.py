@@ -262,6 +262,8 @@ def settle_gyro(campaign: Campaign, turns: Turns) -> tuple[str, str | None]:
     Raises `ValueError` where the campaign asks for "gravity" and its motions cannot support it.
     """
     lacking = shortfall(turns)
+    if lacking is not None and turns.contradicted is not None:
+        lacking = turns.contradicted.statement  # which left too few for the rest
     if campaign.model.gyro_estimator == "gravity":
         if lacking is not None:
             where = "[model]" if campaign.path is None else f"{campaign.path}: [model]"
@@ -271,11 +273,16 @@ def settle_gyro(campaign: Campaign, turns: Turns) -> tuple[str, str | None]:
             )
         return "gravity", None
     if lacking is not None:
-        return "static", f"gyros: 'static' because there is no reference_gyro and {lacking}"
+        return "static", at_rest_alone(lacking)
     return "gravity", (
         f"gyros: 'gravity' because there is no reference_gyro but the device was tilted between "
         f"rests ({turns.statement})"
     )
+
+
+def at_rest_alone(why: str) -> str:
+    """The reason why gyros are calibrated by their rests alone, in words."""
+    return f"gyros: 'static' because there is no reference_gyro and {why}"
 
 
 def polynomial_basis(degree: int, dwells: Dwells) -> AbstractBasis:

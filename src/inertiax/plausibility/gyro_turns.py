@@ -13,6 +13,7 @@ from .evidence import DeviceLogs, Log
 from .exchanged_axes import taken_by_reference
 from .finding import Finding, finding
 from .gyro_in_motion import unit_in_motion
+from .one_gyro_axis import axis_factor, one_axis_finding
 from .thresholds import Thresholds
 from .turned_frame import turned_frame
 from .turns import (
@@ -25,6 +26,7 @@ from .turns import (
     Motions,
     motions_of,
     PERMUTATIONS,
+    score,
 )
 
 
@@ -40,6 +42,7 @@ FACTORS: tuple[float, ...] = (
 _FOR_FACTOR = 12  # motions
 # Half of the way, as a logarithm, from one of the factors to the next: 1 to 2.
 _BETWEEN = 0.5 * math.log(2.0)
+_MUCH_LESS = 2.0  # of the misfit: as in `_search`, where simpler and better are weighed
 _TIME_FACTORS = (1e-3, 1e3, 1e-6, 1e6)
 _BLIND = 0.8  # of gravity's turn: as much is missed by rates that have nothing to do with it
 _MOTIONS_TO_SEE = 8
@@ -92,7 +95,7 @@ def check_gyro_turns(device: DeviceLogs, limits: Thresholds) -> list[Finding]:
 def _judge(
     device: DeviceLogs, logs: tuple[Log, ...], motions: Motions, limits: Thresholds
 ) -> list[Finding]:
-    given = float(_score(misfit_as_given(motions)))
+    given = float(score(misfit_as_given(motions)))
     if given < limits.turn_agrees:
         return [
             *_small_factor(device, logs, motions, limits),
@@ -100,6 +103,10 @@ def _judge(
             *turned_frame(logs, motions, limits),
         ]
     best = _search(motions, given, limits)
+    apart = axis_factor(motions, given, limits)
+    # An exchange may come near what an axis of half or twice the scale does; each has a choice or two to itself.
+    if apart is not None and (best is None or _MUCH_LESS * apart.misfit < best.misfit):
+        return [one_axis_finding(device, _names(logs), motions, given, apart, limits)]
     if best is None:
         # The stillest stretches of a device that moves all along are no rests.
         told = [f for log in logs for f in unit_in_motion(device, log, limits)]
@@ -114,15 +121,9 @@ def _judge(
     return found
 
 
-def _score(angles: Float[np.ndarray, "*n motion"]) -> np.ndarray:
-    """Mean misfit, rad, without the worst eighth, so that one slip does not decide."""
-    kept = angles.shape[-1] - angles.shape[-1] // 8
-    return np.asarray(np.sort(np.minimum(angles, 1.5), axis=-1)[..., :kept].mean(axis=-1))
-
-
 def _search(motions: Motions, given: float, limits: Thresholds) -> _Best | None:
     """The simplest of the best exchanges and factors, where it is certainly better than what is given."""
-    scores = np.stack([_score(misfits(motions, factor)) for factor in FACTORS])
+    scores = np.stack([score(misfits(motions, factor)) for factor in FACTORS])
     least = float(scores.min())
     good = least < limits.turn_agrees and given > limits.turn_gain * least
     if not good or given < limits.turn_disagrees:
@@ -133,8 +134,8 @@ def _search(motions: Motions, given: float, limits: Thresholds) -> _Best | None:
         for p in range(48)
         if scores[k, p] <= least + 0.5 * (limits.turn_agrees - least) and scores[k, p] < 2.0 * least
     ]
-    _, _, score, k, p = min(near)
-    return _Best(FACTORS[k], p, score, given)
+    _, _, left, k, p = min(near)
+    return _Best(FACTORS[k], p, left, given)
 
 
 def _cost(p: Float[np.ndarray, "3 3"]) -> int:
@@ -154,11 +155,11 @@ def _refined(motions: Motions, best: _Best) -> float:
         before=motions.before[some],
         after=motions.after[some],
     )
-    score = lambda log: float(_score(misfit_as_given(moved, best.factor * float(np.exp(log)))))
+    cost = lambda log: float(score(misfit_as_given(moved, best.factor * float(np.exp(log)))))
     from scipy.optimize import minimize_scalar  # slow to import, and seldom needed
 
     found = minimize_scalar(
-        score, bounds=(-_BETWEEN, _BETWEEN), method="bounded", options={"xatol": 3e-3}
+        cost, bounds=(-_BETWEEN, _BETWEEN), method="bounded", options={"xatol": 3e-3}
     )
     return best.factor * float(np.exp(found.x))
 
@@ -236,8 +237,8 @@ def _small_factor(
     if motions.count < 2 * limits.fewest_motions:
         return []
     factor = _refined(motions, _Best(1.0, IDENTITY, 0.0, 0.0))
-    given = float(_score(misfit_as_given(motions)))
-    better = float(_score(misfit_as_given(motions, factor)))
+    given = float(score(misfit_as_given(motions)))
+    better = float(score(misfit_as_given(motions, factor)))
     if abs(factor - 1.0) < limits.rate_off or better > 0.6 * given or given < 0.03:
         return []
     return [
@@ -289,7 +290,7 @@ def _unexplained(
     limits: Thresholds,
 ) -> list[Finding]:
     # Where gravity turns by little, rates that turn nothing miss it by no more than that.
-    blind = given > _BLIND * float(_score(motions.tilt)) and motions.count >= _MOTIONS_TO_SEE
+    blind = given > _BLIND * float(score(motions.tilt)) and motions.count >= _MOTIONS_TO_SEE
     if given < limits.turn_disagrees and not blind:
         return []
     # A table's references tell unit and axes, and its motions are no rows of a calibration.
@@ -308,8 +309,9 @@ def _unexplained(
             "note" if on_table else "warning",
             "gyro",
             f"{_names(logs)}: the integrated rates do not turn gravity as it turned in {_counted(motions, limits)} "
-            f"({given:.2f} rad on average), and no exchange of axes or unit explains it: gyros "
-            f"clipped in the motions, lost rows{clock}, or rests that are not at rest.{used}",
+            f"({given:.2f} rad on average), and no exchange of axes, no unit and no factor of one axis or two explains "
+            f"it: gyros clipped in the motions, rows lost or too far apart for them{clock}, or rests that are not at "
+            f"rest.{used}",
             pairs=motions.count,
             as_given=given,
         )

@@ -60,7 +60,9 @@ def check_one_axis(device: DeviceLogs, limits: Thresholds) -> list[Finding]:
             "accel",
             f"{device.logs[0].name}: accel_{name} reads {ratio:.3g} times what {others} read of the same gravity: that "
             f"axis is in another unit; {likely}.",
-            remedy=remedies.one_axis_rescaled(device.columns, axis, _factor(device, unit, ratio)),
+            remedy=remedies.axes_rescaled(
+                "accel", device.columns, (axis,), _factor(device, unit, ratio)
+            ),
             ratio=ratio,
             rests=len(output),
         )

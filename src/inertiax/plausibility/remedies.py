@@ -1,5 +1,7 @@
 """TOML lines for `[columns]` that mend a unit, exchanged axes or a clock, given what the campaign says now."""
 
+from collections.abc import Sequence
+
 import numpy as np
 from jaxtyping import Float
 
@@ -69,19 +71,18 @@ def rescaled(kind: str, columns: ColumnMap, factor: float) -> tuple[str | None, 
     return None, None
 
 
-def one_axis_rescaled(columns: ColumnMap, axis: int, factor: float) -> str:
-    """Remedy that multiplies the values of one accelerometer by `factor` and leaves the others."""
-    said = columns.accel or TriadColumns()
+def axes_rescaled(kind: str, columns: ColumnMap, axes: Sequence[int], factor: float) -> str:
+    """Remedy that multiplies the values of some axes of a triad by `factor` and leaves the others."""
+    said: TriadColumns = getattr(columns, kind) or TriadColumns()
+    by = np.ones(3)
+    by[list(axes)] = factor
     if said.unit == "count":
         inverse = (said.scale_unit or "").startswith("count per")
-        scale = np.broadcast_to(np.asarray(said.scale, float), (3,)).copy()
-        scale[axis] *= 1.0 / factor if inverse else factor
-        return _line("accel", said, _count_keys(said, scale, np.arange(3)))
-    scale = np.ones(3)
-    scale[axis] = factor
-    unit = said.unit or next(iter(ACCEL_UNITS))
-    keys = f'unit = "count", scale = {_list(scale)}, scale_unit = "{unit} per count"'
-    return _line("accel", said, keys)
+        scale = np.broadcast_to(np.asarray(said.scale, float), (3,)) * (1.0 / by if inverse else by)
+        return _line(kind, said, _count_keys(said, scale, np.arange(3)))
+    unit = said.unit or next(iter(ACCEL_UNITS if kind == "accel" else GYRO_UNITS))
+    keys = f'unit = "count", scale = {_list(by)}, scale_unit = "{unit} per count"'
+    return _line(kind, said, keys)
 
 
 def with_unit(kind: str, said: TriadColumns, unit: str) -> str:

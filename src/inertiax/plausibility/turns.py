@@ -116,6 +116,12 @@ def misfit_as_given(motions: Motions, factor: float = 1.0) -> Float[np.ndarray, 
     return angle_between(end, motions.after)
 
 
+def score(angles: Float[np.ndarray, "*n motion"]) -> np.ndarray:
+    """Mean misfit, rad, without the worst eighth, so that one slip does not decide."""
+    kept = angles.shape[-1] - angles.shape[-1] // 8
+    return np.asarray(np.sort(np.minimum(angles, 1.5), axis=-1)[..., :kept].mean(axis=-1))
+
+
 def complexity(p: Float[np.ndarray, "3 3"]) -> int:
     """How many axes a signed permutation moves or negates."""
     return int(np.sum(np.abs(p - np.eye(3)).sum(axis=1) > 0))

@@ -11,6 +11,7 @@ from ..data.recording import Recording
 from ..numerics.paule_mandel import excess_deviation
 from ..physics.vectors import angle_between, unit_vector
 from .clipping import clipped_rows
+from .contradicted_motions import ANY_GYRO, Contradiction, contradiction
 from .dwells import Dwells
 from .missed_turns import missed
 from .motion_clock import motion_clock, MotionClock, step_angles, Turn
@@ -24,6 +25,7 @@ _LARGEST_STEP = 0.5  # rad; beyond, samples are too sparse to follow the motion
 _FEWEST_SAMPLES = 4
 _SHORTEST_ARRAY = 64  # samples; lengths are rounded up, since each one compiles anew
 _LEAST_SIGMA = 1e-8  # rad/s, 2e-3 °/h: a floor where a recording is free of noise
+_BEYOND = "at rates beyond 4000 deg/s, which no such gyro reads: look at the unit of each axis"
 _DIFFERENT_TILT = np.deg2rad(10.0)
 
 
@@ -44,6 +46,8 @@ class Turns(eqx.Module):
 
     dwells: Dwells  # the rests, each with its `motion`
     statement: str = eqx.field(static=True)  # how many motions are used and why others are not
+    # Where most motions that tilt the device miss gravity's turn.
+    contradicted: Contradiction | None = eqx.field(static=True, default=None)
 
     @property
     def num_motions(self) -> int:
@@ -92,8 +96,12 @@ def with_motions(
     dwells = eqx.tree_at(
         lambda d: d.gyro_covariance, dwells, np.asarray(dwells.gyro_covariance) + extra
     )
-    pairs, dropped = _pairs(recordings, rests, np.asarray(dwells.gyro))
-    off = _missed(recordings, rests, pairs, dwells)
+    pairs, dropped, beyond = _pairs(recordings, rests, np.asarray(dwells.gyro))
+    looked_at = pairs | beyond
+    misfit, path = _misfits(recordings, rests, looked_at, dwells)
+    contradicted = _contradicted(recordings, rests, looked_at, dwells, misfit, path)
+    off = np.zeros(len(rests), bool)
+    off[pairs] = missed(misfit[pairs], path[pairs])
     if off.any():
         pairs &= ~off
         began = sorted(
@@ -113,7 +121,7 @@ def with_motions(
         statement += f"; left out: {', '.join(f'{n} {why}' for why, n in dropped.items())}"
     statement += "".join(f"; {text}" for text in said if text)
     dwells = eqx.tree_at(lambda d: d.motion, dwells, motion, is_leaf=lambda x: x is None)
-    return Turns(dwells, statement)
+    return Turns(dwells, statement, contradicted)
 
 
 def bias_scatter(dwells: Dwells, *, g_sensitivity: bool = False) -> float:
@@ -197,9 +205,9 @@ def _angle_random_walk(dwells: Dwells) -> Float[np.ndarray, " dwell"]:
 
 def _pairs(
     recordings: Sequence[Recording], rests: list[_Rest], bias: Float[np.ndarray, "dwell 3"]
-) -> tuple[Bool[np.ndarray, " dwell"], dict[str, int]]:
-    """Which rests a usable motion led to, and how many were left out for what."""
-    kept = np.zeros(len(rests), bool)
+) -> tuple[Bool[np.ndarray, " dwell"], dict[str, int], Bool[np.ndarray, " dwell"]]:
+    """Which rests a usable motion led to, how many were left out for what, and for rates that no gyro reads."""
+    kept, beyond = np.zeros(len(rests), bool), np.zeros(len(rests), bool)
     dropped: dict[str, int] = {}
     ended = [np.zeros(0, bool) if r.gyro is None else clipped_rows(r.gyro) for r in recordings]
     for k in range(1, len(rests)):
@@ -211,10 +219,10 @@ def _pairs(
         why = _flaw(recordings[after.recording], before.stop - 1, after.start, bias[k])
         if why is None and ended[after.recording][before.stop - 1 : after.start + 1].any():
             why = "with rates beyond the gyros' range"
-        kept[k] = why is None
+        kept[k], beyond[k] = why is None, why == _BEYOND
         if why is not None:
             dropped[why] = dropped.get(why, 0) + 1
-    return kept, dropped
+    return kept, dropped, beyond
 
 
 def _flaw(recording: Recording, first: int, last: int, bias: Float[np.ndarray, "3"]) -> str | None:
@@ -229,7 +237,7 @@ def _flaw(recording: Recording, first: int, last: int, bias: Float[np.ndarray, "
         return f"longer than {_LONGEST:g} s"
     rate = np.linalg.norm(recording.gyro[first : last + 1] - bias, axis=1)
     if np.any(np.maximum(rate[1:], rate[:-1]) * steps > _LARGEST_STEP):
-        return "too fast for the sampling rate"
+        return _BEYOND if rate.max() > ANY_GYRO else "too fast for the sampling rate"
     return None
 
 
@@ -246,16 +254,16 @@ def _clock(
     return motion_clock(recording.time, recording.gyro, turns)
 
 
-def _missed(
+def _misfits(
     recordings: Sequence[Recording],
     rests: list[_Rest],
-    pairs: Bool[np.ndarray, " dwell"],
+    looked_at: Bool[np.ndarray, " dwell"],
     dwells: Dwells,
-) -> Bool[np.ndarray, " dwell"]:
-    """Rests that a motion led to of which rows were lost or doubled: it misses gravity's turn, the others do not."""
+) -> tuple[Float[np.ndarray, " dwell"], Float[np.ndarray, " dwell"]]:
+    """By how much the motion that led to each rest misses gravity's turn, and through which angle it turned, rad."""
     misfit, path = np.zeros(len(rests)), np.zeros(len(rests))
     for number, recording in enumerate(recordings):
-        led = np.flatnonzero(pairs & _of_recording(rests, number))
+        led = np.flatnonzero(looked_at & _of_recording(rests, number))
         if not len(led):
             continue
         assert recording.gyro is not None
@@ -267,9 +275,24 @@ def _missed(
         end = np.einsum("mij,mj->mi", turned(angle), before)
         misfit[led] = angle_between(end, after)
         path[led] = np.linalg.norm(angle, axis=2).sum(axis=1)
-    off, used = np.zeros(len(rests), bool), np.flatnonzero(pairs)
-    off[used] = missed(misfit[used], path[used])
-    return off
+    return misfit, path
+
+
+def _contradicted(
+    recordings: Sequence[Recording],
+    rests: list[_Rest],
+    looked_at: Bool[np.ndarray, " dwell"],
+    dwells: Dwells,
+    misfit: Float[np.ndarray, " dwell"],
+    path: Float[np.ndarray, " dwell"],
+) -> Contradiction | None:
+    """Of the motions that tilt the device; the others tell of gravity's turn what any gyros do."""
+    up = unit_vector(np.asarray(dwells.accel))
+    tilt = angle_between(np.concatenate([up[:1], up[:-1]]), up)
+    chosen = np.flatnonzero(looked_at & (tilt > _DIFFERENT_TILT))
+    clock = lambda k, row: float(recordings[rests[k].recording].time[row])
+    spans = [(clock(k, rests[k - 1].stop - 1), clock(k, rests[k].start)) for k in chosen]
+    return contradiction(misfit[chosen], path[chosen], spans)
 
 
 def _of_recording(rests: list[_Rest], number: int) -> Bool[np.ndarray, " dwell"]:

@@ -15,6 +15,7 @@ from ..observations.model_rows import Baseline
 
 BATCH = 32  # settings evaluated together
 STILL = "the temperature moves by no more than the least step of its readings"
+NO_RATES = "no rates but Earth's"
 UNFELT = 2e-3  # part of an addition's square that must reach the rows: a rotation leaves |a| alone
 
 
@@ -208,7 +209,7 @@ def terms(
             missing[effect.name] = STILL if still else named
             continue
         if signal.triad == "gyro" and greatest < effect.least_rate:
-            missing[effect.name] = "no rates but Earth's"
+            missing[effect.name] = NO_RATES
             continue
         variants = effect.variants(coarse if effect.slow else signal)
         if not variants:

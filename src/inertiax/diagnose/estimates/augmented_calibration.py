@@ -73,6 +73,7 @@ def augmented_calibration(
     )
     estimate = replace(estimate, choices=problem.plain.choices)  # of a given model it has none
     found = estimate.calibration
+    found = _rounded(found, estimate, problem.plain)
     for one in named:
         triad = one.prepared.form.triad
         if getattr(found, triad) is None:
@@ -86,6 +87,18 @@ def augmented_calibration(
         effects=(*found.effects, *stored, *further),
     )
     return named_beside, estimate
+
+
+def _rounded(found: Calibration, estimate: DeviceResult, plain: DeviceResult) -> Calibration:
+    """The calibration with what the gyros' rests err alike: outputs without an effect show no steps any more."""
+    before, now = plain.gyro, estimate.gyro
+    if before is None or now is None or before.rounding is None or now.rounding is not None:
+        return found
+    added = np.asarray(before.rounding)
+    if found.gyro is None or np.shape(found.gyro.covariance) != added.shape:
+        return found
+    whole = np.asarray(found.gyro.covariance) + added
+    return eqx.tree_at(lambda c: c.gyro.covariance, found, whole)
 
 
 def without_effects(log: Log, one: Beside) -> Log:

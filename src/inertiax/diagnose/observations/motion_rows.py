@@ -84,6 +84,23 @@ def motion_rows(campaign: Campaign, log: Log, fitted: DeviceResult) -> MotionRow
     return MotionRows(blocks, _base(model, blocks, rates, now.misfit), float(gyro.scatter), rates)
 
 
+def few_motions(campaign: Campaign, log: Log, fitted: DeviceResult) -> str | None:
+    """Why rates of a log that turns are not judged, in words; `None` where they are, or where a reference tells them.
+
+    Rows of rests hold no rate but Earth's, whatever the log holds between them.
+    """
+    gyro = fitted.gyro
+    if gyro is None or gyro.estimator.by_reference or log.gyro is None:
+        return None
+    if not isinstance(gyro.estimator, GravityRotation):
+        return "the gyros are calibrated by their rests alone, which hold no rates but Earth's"
+    start, stop = _ranges(campaign, log, gyro.dwells)
+    number = int(np.sum(stop > start))
+    if number >= FEWEST:
+        return None
+    return f"{number} motions between rests tell of rates, and {FEWEST} are asked for"
+
+
 def rows_again(rows: MotionRows, model: CalibratedTriad, kept: np.ndarray) -> MotionRows:
     """Some of the rows, both of each motion."""
     blocks = rows.blocks[kept]
