@@ -9,6 +9,7 @@ import pytest
 
 from inertiax.calibrate.goodness_of_fit import undecidable
 from inertiax.cli import main
+from inertiax.data.compensated import WRONG_PARAMETERS
 from inertiax.live.target import parse_limit
 from protocol_cases import write_campaign
 
@@ -83,6 +84,16 @@ def test_a_calibration_not_to_be_used_yet_says_so_wherever_it_goes(sound, tmp_pa
     assert line in capfd.readouterr().err
     assert run("compensate", file, sound.parent / "c" / "0.csv", "-o", tmp_path / "o.csv") == 0
     assert line in capfd.readouterr().err
+
+
+def test_parameters_of_corrected_outputs_are_said_to_be_wrong(sound, tmp_path, capfd):
+    shutil.copytree(sound, tmp_path / "r")
+    file, record = tmp_path / "r" / "calibration.json", tmp_path / "r" / "record.json"
+    said = f"a.bin IMU[0]: its accel values are after INS_ACCOFFS: {WRONG_PARAMETERS}."
+    record.write_text(json.dumps(json.loads(record.read_text()) | {"warnings": ["other", said]}))
+    for name, told in (("ardupilot", True), ("px4", True), ("c", False)):
+        assert run("export", file, "--to", name, "-o", tmp_path / f"a.{name}") == 0
+        assert (said in capfd.readouterr().err) == told
 
 
 def test_results_go_on_outside_the_range_by_two_percent_and_the_page_says_so(
