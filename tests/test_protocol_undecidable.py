@@ -11,6 +11,7 @@ from inertiax.calibrate.goodness_of_fit import undecidable
 from inertiax.cli import main
 from inertiax.data.compensated import WRONG_PARAMETERS
 from inertiax.live.target import parse_limit
+from inertiax.protocol import fallback_fonts
 from protocol_cases import write_campaign
 
 
@@ -94,6 +95,16 @@ def test_parameters_of_corrected_outputs_are_said_to_be_wrong(sound, tmp_path, c
     for name, told in (("ardupilot", True), ("px4", True), ("c", False)):
         assert run("export", file, "--to", name, "-o", tmp_path / f"a.{name}") == 0
         assert (said in capfd.readouterr().err) == told
+
+
+def test_a_name_that_no_font_has_is_told_in_one_line(sound, tmp_path, monkeypatch, capfd):
+    monkeypatch.setattr(fallback_fonts, "installed_fonts", list)
+    station = tmp_path / "station.toml"
+    station.write_text('[station]\nname = "北京计量实验室"\n', encoding="utf-8")
+    assert run("protocol", sound, "-o", tmp_path / "p", "--station", station, "-q") == 0
+    (line,) = capfd.readouterr().err.strip().splitlines()
+    assert "protocol.pdf shows □ for 7 characters" in line and "protocol.html is complete" in line
+    assert "北京计量实验室" in (tmp_path / "p" / "protocol.html").read_text(encoding="utf-8")
 
 
 def test_results_go_on_outside_the_range_by_two_percent_and_the_page_says_so(

@@ -173,6 +173,13 @@ def _styles_once(svg: str) -> str:
     return f"{svg[:head]}<style>{''.join(rules)}</style>{svg[head:]}"
 
 
+def installed_fonts() -> list[Path]:
+    """Font files of this machine: TrueType, OpenType and collections of them."""
+    from matplotlib.font_manager import findSystemFonts
+
+    return sorted(map(Path, findSystemFonts()))
+
+
 def font_files() -> dict[str, Path]:
     """Files of the figures' font by style ("", "B"), for documents that stand beside them."""
     import matplotlib as mpl
