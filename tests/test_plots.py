@@ -29,7 +29,7 @@ from inertiax.plots import (
 )
 from inertiax.plots.figure_workers import Drawing, drawn_aside
 from inertiax.plots.noise_panels import allan, AllanCurve, AllanPanel
-from inertiax.plots.style import drawing, Figure, new_figure, to_png, to_svg
+from inertiax.plots.style import drawing, families, Figure, new_figure, to_png, to_svg
 from inertiax.procedure.thermal_iterations import ThermalSolution
 from inertiax.reduction.dwells import Dwells
 from inertiax.reduction.segments import Segments
@@ -341,3 +341,14 @@ def test_an_allan_plot_within_a_decade_has_two_numbers_to_read_it_by(low, high):
     labels = [ax.yaxis.get_major_formatter()(t, None) for t in shown]
     assert len(set(filter(None, labels))) >= 2
     assert len(shown) <= 10  # and no crowd of them
+
+
+def test_installed_fonts_stand_behind_the_figures_own(monkeypatch):
+    """Each for what those before it lack; a family that is not there is not asked for, which would warn."""
+    import matplotlib as mpl
+
+    families.cache_clear()
+    monkeypatch.setattr("inertiax.plots.style._FURTHER", ("No Such Font", "STIXGeneral"))
+    with drawing():
+        assert mpl.rcParams["font.family"] == ["DejaVu Sans", "STIXGeneral"]
+    families.cache_clear()

@@ -38,16 +38,21 @@ class Parameters:
                 continue
             if fields["Name"].dtype.kind != "S" or fields["Value"].dtype.kind not in "fiu":
                 continue
-            key = next((t for t in stamps if t in fields), None)
+            stamp = next((t for t in stamps if t in fields), None)
             count = len(fields["Name"])
             # Without a stamp they are of the log's beginning.
-            when = np.full(count, -np.inf) if key is None else stamps[key] * fields[key]
-            names = np.array([n.decode("ascii", "replace") for n in fields["Name"]])
-            for one in np.unique(names):
-                mine = names == one
-                before = self._told.get(one, (np.zeros(0), np.zeros(0)))
-                told = when[mine], fields["Value"][mine].astype(float)
-                self._told[one] = tuple(np.concatenate(p) for p in zip(before, told, strict=True))
+            when = np.full(count, -np.inf) if stamp is None else stamps[stamp] * fields[stamp]
+            names, number = np.unique(fields["Name"], return_inverse=True)
+            order = np.argsort(number, kind="stable")
+            ends = np.searchsorted(number[order], np.arange(1, len(names)))
+            for one, mine in zip(names, np.split(order, ends), strict=True):
+                key = one.decode("ascii", "replace")
+                before = self._told.get(key, (np.zeros(0), np.zeros(0)))
+                values = fields["Value"][mine].astype(float)
+                self._told[key] = (
+                    np.concatenate([before[0], when[mine]]),
+                    np.concatenate([before[1], values]),
+                )
 
     def __bool__(self) -> bool:
         return bool(self._told)
