@@ -22,8 +22,8 @@ _SHORT = 60.0  # s; over more a bias of 1 mrad/s less than assumed would turn by
 def directions(dwells: Dwells, recordings: Sequence[Recording] = ()) -> int:
     """How many directions of gravity the rests show, each further than 5 degrees from all others.
 
-    **Arguments:** `dwells` with a device's accelerometer means, which may be several blocks of each rest; `recordings`
-    are those that `dwells.rows` counts, whose gyros tell rests between which nothing turned.
+    **Arguments:** `dwells` with a device's accelerometer means, several blocks of each rest maybe; `recordings`
+    are those that their `rows` count, whose gyros tell rests between which nothing turned.
     """
     resting = np.flatnonzero(np.asarray(dwells.position) >= 0)
     outputs = np.asarray(dwells.accel)[resting]
