@@ -42,10 +42,17 @@ def ulog_message(kind, payload):
     return struct.pack("<HB", len(payload), ord(kind)) + payload
 
 
-def ulog(path, streams):
-    """`streams`: (topic, instance, rows of values in the format's order)."""
+def ulog(path, streams, *, parameters=None, release=None):
+    """`streams`: (topic, instance, rows of values in the format's order); `parameters` by name."""
     data = b"ULog\x01\x12\x35\x01" + struct.pack("<Q", 1_000_000)
     data += ulog_message("B", bytes(40))
+    if release is not None:
+        key = b"uint32_t ver_sw_release"
+        data += ulog_message("I", bytes([len(key)]) + key + struct.pack("<I", release))
+    for name, value in (parameters or {}).items():
+        kind, form = ("int32_t", "<i") if isinstance(value, int) else ("float", "<f")
+        key = f"{kind} {name}".encode()
+        data += ulog_message("P", bytes([len(key)]) + key + struct.pack(form, value))
     for topic in dict.fromkeys(topic for topic, _, _ in streams):
         data += ulog_message("F", f"{topic}:{FORMATS[topic]}".encode())
     for number, (topic, instance, _) in enumerate(streams):
@@ -84,7 +91,7 @@ COLUMNS = ("TimeUS", "I", "GyrX", "GyrY", "GyrZ", "AccX", "AccY", "AccZ", "T")
 
 def dataflash_format(number, name, layout, columns):
     """A FMT message: type, length, name[4], format[16], columns[64]."""
-    sizes = {"Q": 8, "I": 4, "B": 1, "f": 4}
+    sizes = {"Q": 8, "I": 4, "B": 1, "f": 4, "N": 16}
     length = 3 + sum(sizes[c] for c in layout.decode())
     body = struct.pack("<BB4s16s64s", number, length, name, layout, ",".join(columns).encode())
     return HEAD + b"\x80" + body
@@ -106,10 +113,11 @@ def dataflash(path, data, instances=(0,), columns=COLUMNS, others=()):
             row |= {"TimeUS": stamp, "TimeMS": stamp // 1000, "I": i, "T": data["temperature"][k]}
             content += HEAD + b"\x81" + struct.pack("<" + layout, *(row[c] for c in columns))
     for number, (name, fields, rows) in enumerate(others, start=0x82):
-        form = "".join({"TimeUS": "Q", "I": "B"}.get(c, "f") for c in fields)
+        form = "".join({"TimeUS": "Q", "I": "B", "Name": "N"}.get(c, "f") for c in fields)
         content += dataflash_format(number, name.encode(), form.encode(), fields)
+        packed = "<" + form.replace("N", "16s")
         for row in rows:
-            content += HEAD + bytes([number]) + struct.pack("<" + form, *row)
+            content += HEAD + bytes([number]) + struct.pack(packed, *row)
     path.write_bytes(content)
 
 

@@ -1,6 +1,7 @@
 """Optimal plans against known optima, and their predicted precision against simulation."""
 
 import json
+import tomllib
 
 import jax
 import jax.numpy as jnp
@@ -11,6 +12,8 @@ from typer.testing import CliRunner
 from command_runs import run
 from inertiax.cli import main
 from inertiax.cli.app import app
+from inertiax.data.formats.table_angles import ideal_readings
+from inertiax.data.formats.turntable import Turntable
 from inertiax.design import (
     effort_for,
     optimal_positions,
@@ -286,6 +289,24 @@ def test_command_optimises_within_the_tables_reach(own_cache):
     ends = np.sort(np.abs(np.array(found["temperatures"]) - 10.0))
     np.testing.assert_allclose(ends, 50.0, atol=1e-3)
     assert found["equal_steps_efficiency"] == pytest.approx(np.sqrt(6.0 / 8.0), rel=1e-6)
+
+
+def test_the_printed_angles_are_those_of_the_printed_table(own_cache):
+    """What points up by the printed lines of campaign.toml, read as a log's are, is what is printed beside angles."""
+    answer = told(*SMALL, "-q", "--json")
+    found = json.loads(answer.stdout)
+    lines = told(*SMALL).stdout.splitlines()
+    rows = np.array([[float(x) for x in line.split()] for line in lines[2:11]])
+    first = next(k for k, line in enumerate(lines) if line.endswith("into campaign.toml:")) + 1
+    pasted = tomllib.loads("\n".join(lines[first : first + 5]))
+    assert pasted["columns"]["table_angles"]["names"] == ["outer", "inner"]
+    assert pasted["table"] == found["table"]
+    table = Turntable(**{k: tuple(v) for k, v in pasted["table"].items()})
+    force = ideal_readings(table, np.deg2rad(rows[:, :2]), None, 1.0, None).force
+    # Angles are printed to 0.01°, directions to 0.001.
+    np.testing.assert_allclose(rows[:, 2:], force, rtol=0, atol=7e-4)
+    np.testing.assert_allclose(found["up_in_case"], force, rtol=0, atol=2e-4)
+    assert any("R = R_east(outer) R_up(inner)" in line for line in lines)
 
 
 def test_command_tells_hours_for_a_target(own_cache):

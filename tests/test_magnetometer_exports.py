@@ -10,7 +10,7 @@ from inertiax.calibration.calibration import Calibration
 from inertiax.calibration.magnetometers import MagnetometerCalibration
 from inertiax.calibration.triad import TriadCalibration
 from inertiax.exports.loss import measure_loss
-from inertiax.exports.registry import export
+from inertiax.exports.registry import by_name, export
 from inertiax.physics.temperature import Constant, Curve, Polynomial
 from magnetometer_cases import DRIFT, HARD, SOFT, WARM, WIRE
 
@@ -60,6 +60,11 @@ def _constant(soft=SOFT, span=(LOW, HIGH), frame="own"):
     triad = TriadCalibration(curve, np.zeros((15, 15)), NAMES, "field")
     mag = MagnetometerCalibration(triad, 48e-6, frame=frame)
     return Calibration(9.81, temperature_range=span, mag=mag)
+
+
+def _accel():
+    names = tuple(f"accel.bias[{i}]" for i in range(3))
+    return TriadCalibration(Curve(Constant(), np.zeros((1, 3))), np.zeros((3, 3)), names, "static")
 
 
 def _px4(calibration):
@@ -131,18 +136,66 @@ def test_ardupilots_stated_error_is_what_the_hard_iron_drifts_from_its_temperatu
     assert abs(stated.vector - moved) <= 2.0 * np.sin(0.5 * angle) * (48e-6 + moved)
 
 
-def test_ardupilot_gives_the_magnitude_at_its_temperature():
-    text = export(_calibration(), "ardupilot").content.decode()
-    said = {name: float(value) for name, value in (line.split() for line in text.splitlines())}
+def _correct_field(said, raw, current):
+    """ArduPilot's `AP_Compass_Backend::correct_field`, line by line: mgauss, one sample a row."""
     axes = lambda key: np.array([said[f"COMPASS_{key}_{a}"] for a in "XYZ"])
+    mag = raw + axes("OFS")
+    if 1.0 / 1.5 <= said["COMPASS_SCALE"] <= 1.5:  # `have_scale_factor`
+        mag = mag * said["COMPASS_SCALE"]
+    mag = mag @ _symmetric(axes("DIA"), axes("ODI")).T
+    assert said["COMPASS_MOTCT"] == 2.0  # AP_COMPASS_MOT_COMP_CURRENT
+    return mag + axes("MOT") * current[:, None]
+
+
+def _ardupilot(calibration):
+    text = export(calibration, "ardupilot").content.decode()
+    return {name: float(value) for name, value in (line.split() for line in text.splitlines())}
+
+
+def test_ardupilot_gives_the_magnitude_at_its_temperature():
     outputs, _, current = _samples()
     there = np.full(20, np.clip(35.0, LOW, HIGH))
-    milli = 1e7 * outputs + axes("OFS") + axes("MOT") * current[:, None]
-    field = milli @ _symmetric(axes("DIA"), axes("ODI")).T
-    assert said["COMPASS_MOTCT"] == 2.0
+    field = _correct_field(_ardupilot(_calibration()), 1e7 * outputs, current)
+    # Nine digits in the file.
     assert np.allclose(
         np.linalg.norm(field, axis=1), 1e7 * _sizes(outputs, there, current), rtol=1e-7
     )
+
+
+def test_ardupilots_stated_error_is_that_of_its_own_formula():
+    """`applied` computes what `correct_field` does with the numbers in the file, the current's field included."""
+    cal = _calibration()
+    outputs, temperature, current = _samples()
+    applied = export(cal, "ardupilot").applied_field
+    assert applied is not None
+    expected = 1e-7 * _correct_field(_ardupilot(cal), 1e7 * outputs, current)
+    # The file's nine digits: 5e-9 of each of some numbers that make fields of 1e-4 T.
+    np.testing.assert_allclose(applied(outputs, temperature, current), expected, rtol=0, atol=2e-12)
+
+
+def test_magnetometers_alone_leave_ardupilots_imus_as_they_are():
+    assert all(name.startswith("COMPASS_") for name in _ardupilot(_calibration()))
+
+
+def test_a_compass_has_the_vehicles_axes_and_an_imu_its_own():
+    """`rotate_field` turns before the offsets of a compass, `_rotate_and_correct_accel` behind those of an IMU."""
+    compass, imu = "axes of the compass must be the vehicle's, after", "must be the sensor's own"
+    (said,) = [n for n in export(_calibration(), "ardupilot").notes if "axes" in n]
+    assert compass in said and imu not in said
+    both = dataclasses.replace(_calibration(), accel=_accel())
+    first, second = [n for n in export(both, "ardupilot").notes if "axes" in n]
+    assert imu in first and compass in second
+
+
+@pytest.mark.parametrize("name", ["px4", "ardupilot"])
+def test_what_a_parameter_file_says_of_magnetometers_is_said_not_to_be_read(name):
+    both = dataclasses.replace(_calibration(), accel=_accel())
+    told = lambda cal: [
+        n for n in by_name(name).read(export(cal, name).content).notes if "not read" in n
+    ]
+    (said,) = told(both)
+    assert ("COMPASS_*" if name == "ardupilot" else "CAL_MAG*") in said
+    assert not told(dataclasses.replace(both, mag=None))
 
 
 @pytest.mark.parametrize("name", ["px4", "ardupilot"])
@@ -156,7 +209,5 @@ def test_a_format_without_a_place_for_them_says_so():
         ValueError, match="imu_tk: has no place for magnetometers, .* px4, ardupilot, c, inertiax"
     ):
         export(_calibration(), "imu_tk")
-    names = tuple(f"accel.bias[{i}]" for i in range(3))
-    accel = TriadCalibration(Curve(Constant(), np.zeros((1, 3))), np.zeros((3, 3)), names, "static")
-    both = Calibration(9.81, accel=accel, mag=_calibration().mag, temperature_range=(LOW, HIGH))
+    both = Calibration(9.81, accel=_accel(), mag=_calibration().mag, temperature_range=(LOW, HIGH))
     assert any("magnetometers" in loss for loss in export(both, "azure").losses)

@@ -16,6 +16,7 @@ from inertiax.estimators.magnetic_field import MagneticField, turn_to_vertical
 from inertiax.physics.composition import compose_accel
 from inertiax.physics.error_model import AccelerometerErrors
 from inertiax.physics.magnetic_model import compensate_mag, distort_mag, MagnetometerErrors
+from inertiax.reduction.dwell_means import reduce_to_dwells
 from inertiax.reduction.field_rows import field_rows, sample_noise
 from inertiax.report.calibration import figures_ahead
 from magnetometer_cases import DIP, DRIFT, FIELD, HARD, rotations, rows, SOFT, WARM, WIRE
@@ -198,6 +199,62 @@ def field_waved(rng):
         outputs.append(turn @ (FIELD * np.array([np.cos(DIP), 0.0, -np.sin(DIP)])))
     outputs = np.array(outputs) @ (np.eye(3) + SOFT).T + HARD
     return outputs + 2e-7 * rng.normal(size=outputs.shape)
+
+
+REST = 100  # rows of a rest, at 50 Hz
+
+
+def _switched(amperes, *, logged=True, count=24, seed=5):
+    """Rests in which a battery's current switches half-way, and the raw field without it, means over each rest."""
+    rng = np.random.default_rng(seed)
+    turns = rotations(count, rng)
+    steady = np.einsum("kij,j->ki", turns, FIELD * np.array([np.cos(DIP), 0.0, -np.sin(DIP)]))
+    steady = steady @ (np.eye(3) + SOFT).T + HARD
+    number = np.repeat(np.arange(count), REST)
+    current = np.where(np.arange(count * REST) % REST < 40 + number, 2.0, amperes)
+    current = current + 0.1 * rng.normal(size=current.shape)
+    mag = steady[number] + np.outer(current, WIRE) + 5e-8 * rng.normal(size=(len(number), 3))
+    up = np.array([0.0, 0.0, 9.81])
+    accel = np.einsum("kij,j->ki", turns, up)[number] + 1e-3 * rng.normal(size=mag.shape)
+    recording = Recording.from_arrays(
+        accel=accel,
+        mag=mag,
+        position=number,
+        current=current if logged else None,
+        sample_rate=50.0,
+    )
+    return recording, steady
+
+
+def test_rests_in_which_a_logged_current_switches_are_rests():
+    """40 A move the field by 11 µT, as a turn by 13° does."""
+    recording, steady = _switched(42.0)
+    dwells = reduce_to_dwells(recording, temperature_step=None)
+    found = field_rows((recording,), dwells, [np.ones(recording.num_samples, bool)])
+    rests = np.asarray(found.position) >= 0
+    assert rests.sum() == len(steady)
+    mean = np.asarray(found.mag)[rests] - np.outer(np.asarray(found.current)[rests], WIRE)
+    # A hundred samples of 50 nT, and what 0.1 A of the current's noise moves: 5 sigma.
+    np.testing.assert_allclose(mean, steady, rtol=0, atol=5 * 6e-9)
+    sigma = np.sqrt(np.diagonal(np.asarray(found.mag_covariance)[rests], axis1=1, axis2=2))
+    # Samples' noise over √100, not the 4 µT of the switching; of 24 rests' scatter.
+    assert 3e-9 < np.median(sigma) < 2e-8
+
+
+def test_rests_with_a_current_that_nobody_logged_are_named():
+    recording, _ = _switched(42.0, logged=False)
+    campaign = Campaign((recording,), Site(9.81), model=ModelChoice(temperature_degree=0))
+    found = calibrate_device(campaign)
+    said = [w for w in found.warnings if "in their own frame" in w or "are not calibrated" in w]
+    assert said and "rest in more orientations" not in said[0], said
+
+
+def test_the_cure_of_rests_in_which_the_field_moves_is_a_steady_current():
+    few = rows(3, rests=4)
+    told = calibrate_magnetometers(few, field=FIELD, unsteady=20).warnings[0]
+    assert "the field moves within 20 further rests by more than 2°" in told
+    assert "keep it steady at rest, or log it" in told
+    assert "rest in more orientations" in calibrate_magnetometers(few, field=FIELD).warnings[0]
 
 
 def test_gaps_are_left_out_of_the_rows():

@@ -28,7 +28,8 @@ from inertiax.plots import (
     figure_workers,
 )
 from inertiax.plots.figure_workers import Drawing, drawn_aside
-from inertiax.plots.style import drawing, Figure, new_figure, to_png, to_svg
+from inertiax.plots.noise_panels import allan, AllanCurve, AllanPanel
+from inertiax.plots.style import drawing, families, Figure, new_figure, to_png, to_svg
 from inertiax.procedure.thermal_iterations import ThermalSolution
 from inertiax.reduction.dwells import Dwells
 from inertiax.reduction.segments import Segments
@@ -322,3 +323,32 @@ def test_figures_drawn_by_other_processes_are_the_same():
         workers._process.wait()
         assert [finish() for finish in [wanted.begin() for _ in range(3)]] == 3 * [here]
     assert figure_workers._workers is None
+
+
+@pytest.mark.parametrize(
+    "low, high", [(1.3e-4, 3.2e-3), (1.3e-4, 8e-4), (2.2e-4, 4.3e-4), (2.1e-4, 2.3e-4)]
+)
+def test_an_allan_plot_within_a_decade_has_two_numbers_to_read_it_by(low, high):
+    tau = np.geomspace(0.01, 100.0, 20)
+    curve = np.geomspace(high, low, 20)
+    one = AllanCurve("gyro_x", tau, curve, curve, curve, tau, curve)
+    with drawing():
+        figure = allan([AllanPanel("Allan deviation, rad/s", (one,))])
+        FigureCanvasAgg(figure).draw()
+    (ax,) = figure.axes
+    bottom, top = ax.get_ylim()
+    shown = [t for t in ax.get_yticks() if bottom <= t <= top]
+    labels = [ax.yaxis.get_major_formatter()(t, None) for t in shown]
+    assert len(set(filter(None, labels))) >= 2
+    assert len(shown) <= 10  # and no crowd of them
+
+
+def test_installed_fonts_stand_behind_the_figures_own(monkeypatch):
+    """Each for what those before it lack; a family that is not there is not asked for, which would warn."""
+    import matplotlib as mpl
+
+    families.cache_clear()
+    monkeypatch.setattr("inertiax.plots.style._FURTHER", ("No Such Font", "STIXGeneral"))
+    with drawing():
+        assert mpl.rcParams["font.family"] == ["DejaVu Sans", "STIXGeneral"]
+    families.cache_clear()

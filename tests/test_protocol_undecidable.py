@@ -9,7 +9,9 @@ import pytest
 
 from inertiax.calibrate.goodness_of_fit import undecidable
 from inertiax.cli import main
+from inertiax.data.compensated import WRONG_PARAMETERS
 from inertiax.live.target import parse_limit
+from inertiax.protocol import fallback_fonts
 from protocol_cases import write_campaign
 
 
@@ -83,6 +85,26 @@ def test_a_calibration_not_to_be_used_yet_says_so_wherever_it_goes(sound, tmp_pa
     assert line in capfd.readouterr().err
     assert run("compensate", file, sound.parent / "c" / "0.csv", "-o", tmp_path / "o.csv") == 0
     assert line in capfd.readouterr().err
+
+
+def test_parameters_of_corrected_outputs_are_said_to_be_wrong(sound, tmp_path, capfd):
+    shutil.copytree(sound, tmp_path / "r")
+    file, record = tmp_path / "r" / "calibration.json", tmp_path / "r" / "record.json"
+    said = f"a.bin IMU[0]: its accel values are after INS_ACCOFFS: {WRONG_PARAMETERS}."
+    record.write_text(json.dumps(json.loads(record.read_text()) | {"warnings": ["other", said]}))
+    for name, told in (("ardupilot", True), ("px4", True), ("c", False)):
+        assert run("export", file, "--to", name, "-o", tmp_path / f"a.{name}") == 0
+        assert (said in capfd.readouterr().err) == told
+
+
+def test_a_name_that_no_font_has_is_told_in_one_line(sound, tmp_path, monkeypatch, capfd):
+    monkeypatch.setattr(fallback_fonts, "installed_fonts", list)
+    station = tmp_path / "station.toml"
+    station.write_text('[station]\nname = "北京计量实验室"\n', encoding="utf-8")
+    assert run("protocol", sound, "-o", tmp_path / "p", "--station", station, "-q") == 0
+    (line,) = capfd.readouterr().err.strip().splitlines()
+    assert "protocol.pdf shows □ for 7 characters" in line and "protocol.html is complete" in line
+    assert "北京计量实验室" in (tmp_path / "p" / "protocol.html").read_text(encoding="utf-8")
 
 
 def test_results_go_on_outside_the_range_by_two_percent_and_the_page_says_so(

@@ -9,6 +9,7 @@ from .._jax import eqx
 from ..estimators.magnetic_field import turn_to_vertical
 from ..physics.temperature import Constant
 from ..reduction.dwells import Dwells
+from ..reduction.field_rows import STILL
 from .magnetic_fit import Fit, free_coefficients, solved
 
 
@@ -16,8 +17,18 @@ SURE_OF_FRAME = 0.1  # rad, 1 sigma of the rotation: beyond, the accelerometers'
 _STEEP = 0.3  # of the field, upward part, from which its sign tells the hemisphere
 
 
-def in_frame(own: Fit, latitude: float | None, field: float | None, warnings: list[str]) -> Fit:
-    """The fit in the frame of the accelerometers where the rests tell it, else as it is, with the reason."""
+def in_frame(
+    own: Fit,
+    latitude: float | None,
+    field: float | None,
+    warnings: list[str],
+    *,
+    unsteady: int = 0,
+) -> Fit:
+    """The fit in the frame of the accelerometers where the rests tell it, else as it is, with the reason.
+
+    **Arguments:** `unsteady` is how many rests were left out because the field moves in them.
+    """
     dwells = own.rows
     known = np.zeros(dwells.num_dwells, bool)
     if dwells.accel is not None:
@@ -39,9 +50,15 @@ def in_frame(own: Fit, latitude: float | None, field: float | None, warnings: li
                 warnings.extend(_exchanged(fit))
                 return fit
             why += f" better than {math.degrees(unsure):.0f}°" if math.isfinite(unsure) else ""
+    cure = "rest in more orientations"
+    if unsteady:
+        cure = (
+            f"the field moves within {unsteady} further rests by more than {math.degrees(STILL):.0f}°, as beside a "
+            "current that changes: keep it steady at rest, or log it,"
+        )
     warnings.append(
-        f"magnetometers: in their own frame (x axis as it is, y in its xy plane), because {why}; rest in more "
-        "orientations to have them in that of the accelerometers"
+        f"magnetometers: in their own frame (x axis as it is, y in its xy plane), because {why}; {cure} to have them "
+        "in that of the accelerometers"
     )
     return own
 

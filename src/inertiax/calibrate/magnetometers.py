@@ -42,13 +42,15 @@ def calibrate_magnetometers(
     latitude: float | None = None,
     degree: int | None = None,
     robust: float | None = None,
+    unsteady: int = 0,
 ) -> MagnetometerResult:
     """The magnetometers' estimate from rests and samples in motion.
 
     **Arguments:** `rows` as `reduction.field_rows` makes them, with the compensated specific force of the rests in
     `accel` where the accelerometers' frame is wanted; `field` is the local magnitude, T, else the scale is set so that
     det(E + S) = 1 in the middle of the temperatures; `latitude` (rad) tells which way the field points; `degree` of
-    the hard iron over temperature, else chosen; `robust` a pseudo-Huber threshold in standard deviations.
+    the hard iron over temperature, else chosen; `robust` a pseudo-Huber threshold in standard deviations; `unsteady`
+    how many further rests were left out because the field moves in them, to be told where the frame is not known.
 
     Raises `ValueError` where the rows do not determine the model, or are no field of the Earth in T.
     """
@@ -66,7 +68,7 @@ def calibrate_magnetometers(
     )
     _require_turned_about_two_axes(own)
     warnings: list[str] = []
-    fit = in_frame(own, latitude, field, warnings)
+    fit = in_frame(own, latitude, field, warnings, unsteady=unsteady)
     degrees, reason = choose_degrees(fit, degree)
     if degrees != (0, 0):
         basis = polynomial_basis(max(degrees), rows)

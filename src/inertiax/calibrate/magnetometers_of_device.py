@@ -58,15 +58,15 @@ def calibrate_mag(
     known = all(r.temperature is not None for r in campaign.recordings)
     degree = campaign.model.temperature_degree if known else None
     try:
-        rows = field_rows(
-            campaign.recordings, _with_vertical(chosen, accel, dwells), _at_rest(segments)
-        )
+        shown = _with_vertical(chosen, accel, dwells)
+        rows = field_rows(campaign.recordings, shown, _at_rest(segments))
         found = calibrate_magnetometers(
             rows,
             field=campaign.site.magnetic_field,
             latitude=campaign.site.latitude,
             degree=degree,
             robust=robust,
+            unsteady=_left_out(campaign, shown, rows),
         )
     except ValueError as error:
         if campaign.model.mag_estimator is not None:
@@ -93,6 +93,16 @@ def _with_vertical(
         return dwells
     none = lambda x: x is None
     return eqx.tree_at(lambda d: (d.accel, d.accel_covariance), dwells, (None, None), is_leaf=none)
+
+
+def _left_out(campaign: Campaign, dwells: Dwells | None, rows: Dwells) -> int:
+    """Rests of recordings with magnetometers that are none of theirs: the field moves in them."""
+    if dwells is None or dwells.rows is None:
+        return 0
+    read = np.array([r.mag is not None for r in campaign.recordings])
+    resting = np.asarray(dwells.position) >= 0
+    theirs = read[np.asarray(dwells.rows)[:, 0].astype(int)] & resting
+    return int(theirs.sum()) - int(np.sum(np.asarray(rows.position) >= 0))
 
 
 def _at_rest(segments: Sequence[Segments]) -> list[Bool[np.ndarray, " time"]] | None:

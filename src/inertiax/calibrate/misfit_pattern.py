@@ -12,6 +12,7 @@ from collections.abc import Iterator
 
 import numpy as np
 import scipy.linalg
+import scipy.optimize
 import scipy.special
 from jaxtyping import Float
 
@@ -39,6 +40,10 @@ _TOLD = 0.1
 WARMED = 0.1
 # Chance of a false word where the temperature moved: there a slope is what to expect, 5 mm/s² per °C in cheap sensors.
 EXPECTED = 0.05
+# m/s² and rad/s per °C, the steepest slope of a bias that is looked for: cheap sensors over their range (InvenSense,
+# MPU-6050 product specification: 35 mg over 70 °C, 20 °/s over 125 °C). What takes more is nothing that so small a
+# change of temperature does.
+STEEPEST = {"accel": 5e-3, "gyro": 3e-3}
 
 LEVER_ARMS = "ω²r of a lever arm"
 FORCE = "the specific force"
@@ -61,8 +66,9 @@ def misfit_pattern(
     positioning that several dwells share. Said is the driver with the rarest F ratio, where it is rarer than `RARE`
     and takes more than `MOST` of what is beyond the dwells' noise. Where constants were fitted over a temperature
     that moves by `WARMED` to `LEAST_SPAN`, it is tried first, with or without scatter: said where it is rarer than
-    `EXPECTED` and takes more than `MOST`. Gyros are tried against the specific force, too, where no g-sensitivity is
-    estimated: on a table all means, of those that are calibrated by gravity's rotation the means at rest.
+    `EXPECTED` and slopes of `STEEPEST` at most take more than `MOST`. Gyros are tried against the specific force, too,
+    where no g-sensitivity is estimated: on a table all means, of those that are calibrated by gravity's rotation the
+    means at rest.
 
     **Arguments:** the estimator with the scatter between dwells that was found, and the curve that was fitted. Nothing
     else is looked for without scatter, nor anything in a static fit, which has no input. An ordinary F test; no source.
@@ -79,7 +85,8 @@ def misfit_pattern(
     if isinstance(basis, Constant) and WARMED <= span < LEAST_SPAN:
         columns = _biases(estimator, now.jacobian, (temperature - temperature.mean())[:, None])
         chance, share = _f_test(model, residual, columns)
-        if chance < EXPECTED and share > MOST:
+        by_usual = _explained(model, residual, columns, STEEPEST[estimator.triad])
+        if chance < EXPECTED and min(share, by_usual) > MOST:
             return f"{_TEMPERATURE} {span:.2f} °C"
     if not float(estimator.scatter) > 0.0:
         return ""
@@ -133,6 +140,20 @@ def _f_test(
     drop, total = float(np.square(own.T @ residual).sum()), float(residual @ residual)
     ratio = (drop / size) / max((total - drop) / dof, 1e-300)
     return float(scipy.special.fdtrc(size, dof, ratio)), drop / max(total, 1e-300)
+
+
+def _explained(
+    model: Float[np.ndarray, "row unknown"],
+    residual: Float[np.ndarray, " row"],
+    columns: Float[np.ndarray, "row column"],
+    most: float,
+) -> float:
+    """Part of the whitened residual's square that the columns take beside a model, none with more than `most`."""
+    frame = _span(model)
+    residual = residual - frame @ (frame.T @ residual)
+    off = columns - frame @ (frame.T @ columns)
+    found = scipy.optimize.lsq_linear(off, residual, (-most, most))
+    return 1.0 - 2.0 * float(found.cost) / max(float(residual @ residual), 1e-300)
 
 
 def _trials(

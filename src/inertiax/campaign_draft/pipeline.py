@@ -25,6 +25,7 @@ from .bag_topics import topic_lines
 from .clock import counted
 from .column_roles import roles_of, WITH_GRAVITY
 from .companions import gyro_companion
+from .controller_log import correction_remarks
 from .converters import ACCEL_SCALES, middle, nearest, rounded, whole
 from .draft import Draft, draft_of
 from .further_columns import columns_table, ONE_AXIS
@@ -97,7 +98,8 @@ def draft_campaign(
     if chosen not in _TABLES:
         files = Line("files", paths, f"{chosen} names its columns and units itself")
         topics = topic_lines(log) if chosen == ros.NAME else ()
-        return draft_of(log, (site, Table("recordings", (files, *topics))))
+        recordings = Table("recordings", (files, *topics), unread=correction_remarks(log))
+        return draft_of(log, (site, recordings))
     if all(reads_compensated(p, ()) and has_column(p, "time") for p in (log, *others)):
         why = "`inertiax compensate` wrote it: the compensated columns are taken, which have canonical names and SI"
         return draft_of(log, (site, Table("recordings", (Line("files", paths, why),))))

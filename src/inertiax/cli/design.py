@@ -127,8 +127,12 @@ def design(
             "|".join(_CRITERIA),
         ),
     ] = None,
-    outer: Annotated[Reach | None, _find("Reach of the outer axis.", "all", "DEG DEG")] = None,
-    inner: Annotated[Reach | None, _find("Reach of the inner axis.", "all", "DEG DEG")] = None,
+    outer: Annotated[
+        Reach | None, _find("Reach of the outer axis, level and pointing east.", "all", "DEG DEG")
+    ] = None,
+    inner: Annotated[
+        Reach | None, _find("Reach of the inner axis, up at outer angle 0.", "all", "DEG DEG")
+    ] = None,
     step: Annotated[float | None, _find("What an axis can be set to.", "any", "DEG")] = None,
     experiments: Annotated[int | None, _find("How many temperatures.", "13", "N")] = None,
     degree: Annotated[int | None, _find("Of the curves over temperature.", "6", "N")] = None,
@@ -173,7 +177,9 @@ def design(
 
     `--optimise` finds the positions and temperatures that determine the parameters best, and with
     `--target` the hours that a precision takes. With a campaign as PLAN, noise, scatter after re-positioning,
-    temperatures and degree are those that it shows, where no option says otherwise.
+    temperatures and degree are those that it shows, where no option says otherwise. Angles are of a table whose outer
+    axis lies level and points east and carries the inner one, which points up along the case's z at outer angle 0; both
+    count right-handed: R = R_east(outer) R_up(inner).
 
     `--separate DIAGNOSIS` finds the run of an hour at most that tells apart what a diagnosis could not.
     """

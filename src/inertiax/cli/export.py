@@ -14,6 +14,9 @@ if TYPE_CHECKING:
     from ..exports import Export, Loss
 
 
+_CONTROLLERS = ("px4", "ardupilot")  # correct outputs before they log them
+
+
 def export(
     calibration: Annotated[
         Path | None,
@@ -122,10 +125,12 @@ def export(
             joined = with_warm_up(known, read_calibration(warm_up), made_at)
             joining, known = joined.notes[len(known.notes) :], joined
         stages("exporting")
-        from ..protocol.record import doubt_about
+        from ..protocol.record import doubt_about, wrong_parameters
 
         files = [calibration] if warm_up is None else [calibration, warm_up]
         joining = (*filter(None, map(doubt_about, files)), *joining)
+        if to in _CONTROLLERS:
+            joining = (*(said for file in files for said in wrong_parameters(file)), *joining)
         notes: tuple[str, ...] = ()
         of_record, said = _of_record(to, calibration, values)
         if noise is not None:

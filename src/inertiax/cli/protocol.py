@@ -98,7 +98,14 @@ def protocol(
         made = make_protocol(measured, said, limits, temperatures)
         stages("writing the protocol")
         with outputs.staged_folder(output, replaces=FILES) as staging:
-            write_protocol(made, staging, command_line())
+            missing = write_protocol(made, staging, command_line())
+    if missing:
+        few = "".join(sorted(missing)[:10]) + ("…" if len(missing) > 10 else "")
+        console.warn(
+            f"protocol.pdf shows □ for {len(missing)} characters that no font of this machine has ({few}); "
+            "protocol.html is complete. An installed font that has them brings them in (Noto Sans CJK has Chinese, "
+            "Japanese and Korean)"
+        )
     _tell(made, output, as_json=as_json, quiet=quiet)
 
 

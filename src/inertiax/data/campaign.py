@@ -20,7 +20,7 @@ from .formats.temperature_at_stamps import note_on_lines
 from .formats.temperature_log import beside_each
 from .model_columns import check_model_columns
 from .pairing import pair
-from .recording import Campaign, HALF, ModelChoice, Recording, renamed, Rig, Site
+from .recording import Campaign, HALF, ModelChoice, Recording, restated, Rig, Site
 from .settings import CampaignTable, ModelTable, read_table, RecordingsTable, SiteTable
 
 
@@ -46,6 +46,7 @@ def load_campaign(path: Path | str, *, in_parts: bool = False) -> Campaign:
         recordings = _named(recordings, table.device.serial)
         for r in recordings:
             notes += tuple(notes_on_rows(r.name, r.empty_rows, r.repeated_rows))
+            pairings += r.notes
             if r.temperature_step:
                 pairings += (note_on_lines(r.name, r.temperature_step),)
     except ValueError as error:
@@ -92,7 +93,7 @@ def _named(recordings: tuple[Recording, ...], serial: str | None) -> tuple[Recor
             f"[device] serial = {serial!r}, but a column of the recordings names {short(others[0])!r}; leave serial "
             "out, since the column names every device."
         )
-    return tuple(renamed(r, serial) for r in recordings)
+    return tuple(restated(r, device=serial) for r in recordings)
 
 
 def load_settings(path: Path | str) -> tuple[Campaign, CampaignTable]:

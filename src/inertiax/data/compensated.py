@@ -9,6 +9,8 @@ from pathlib import Path
 
 
 COLUMN = "extrapolated"  # of every compensated table; no recording's column has this name in the formats that are read
+# Ends what a reader says of a flight controller's log whose values it corrected, and nothing takes that away
+WRONG_PARAMETERS = "parameters for the flight controller that are made of them are wrong"
 _WRITTEN = {f"{triad}_{axis}" for triad in ("accel", "gyro") for axis in "xyz"}
 _HEADER = 1 << 16  # bytes of a CSV's first line that are looked at
 

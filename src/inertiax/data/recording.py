@@ -83,6 +83,8 @@ class Recording(Module):
     empty_rows: int = field(static=True, default=0)  # of its file without any value, left out
     repeated_rows: int = field(static=True, default=0)  # that say the row before again, left out
     temperature_step: float = field(static=True, default=0.0)  # s between its rows; 0: it is in all
+    notes: tuple[str, ...] = field(static=True, default=())  # what its reader did to its values
+    reservations: tuple[str, ...] = field(static=True, default=())  # and what it could not undo
 
     def __check_init__(self):
         where = f"recording '{self.name}'" if self.name else "`Recording(...)`"
@@ -331,10 +333,11 @@ class ModelChoice(Module):
     mag_estimator: str | None = field(static=True, default=None)
 
 
-def renamed(recording: Recording, device: str) -> Recording:
-    """The same recording of a device with another serial number; its columns are neither read nor checked again."""
+def restated(recording: Recording, **said: Any) -> Recording:
+    """The same recording with another `device`, `notes` or `reservations`; no column is read or checked again."""
     own = copy.copy(recording)
-    object.__setattr__(own, "device", device)
+    for name, value in said.items():
+        object.__setattr__(own, name, value)
     return own
 
 

@@ -1,5 +1,7 @@
 """One answer to "which positions and temperatures, how many, how long?" for accelerometers on a two-axis table."""
 
+import json
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -16,6 +18,10 @@ from .positions import optimal_positions, TableLimits
 from .temperatures import optimal_temperatures
 
 
+# The table of `simulate.programme.Table` in the words of `campaign.toml`
+TABLE = {"axes": ["east", "up"], "case": ["east", "north", "up"]}
+
+
 class Advice(eqx.Module):
     """A programme and its temperatures, their efficiency, and the effort for a target where one was given."""
 
@@ -28,10 +34,12 @@ class Advice(eqx.Module):
     efforts: tuple[Effort, ...]
 
     def as_dict(self) -> dict[str, object]:
-        """For JSON: angles in degrees, temperatures in °C, hours, seconds."""
+        """For JSON: angles in degrees and the table that they are of, temperatures in °C, hours, seconds."""
         return {
             "schema": "inertiax.design/1",
             "positions_deg": np.rad2deg(np.asarray(self.programme.angles)).round(4).tolist(),
+            "up_in_case": (self.programme.directions().round(6) + 0.0).tolist(),
+            "table": TABLE,
             "d_efficiency": self.efficiency,
             "d_efficiency_plain_18": self.plain,
             "temperatures": self.temperatures.round(3).tolist(),
@@ -52,11 +60,22 @@ class Advice(eqx.Module):
     def lines(self) -> tuple[str, ...]:
         """The advice as lines of text."""
         angles = np.rad2deg(np.asarray(self.programme.angles))
+        up = self.programme.directions().round(3) + 0.0  # no negative zeros
         made = [
             f"{self.programme.name}: D-efficiency {self.efficiency:.4f} of the bound (the plain 18 "
             f"positions: {self.plain:.4f})",
-            "outer and inner angle, degrees, in the order of short slews:",
-            *(f"  {outer:8.2f} {inner:8.2f}" for outer, inner in angles),
+            "outer and inner angle, degrees, and what of the case's x, y, z points up, in the order of short slews:",
+            *(
+                f"  {outer:8.2f} {inner:8.2f}    {x:6.3f} {y:6.3f} {z:6.3f}"
+                for (outer, inner), (x, y, z) in zip(angles, up, strict=True)
+            ),
+            "at zero the outer axis lies level and points east, along the case's x, and the inner one up, along its z;",
+            "the outer axis carries the inner one, and both count right-handed: R = R_east(outer) R_up(inner).",
+            "of a log with these angles as columns, into campaign.toml:",
+            "    [columns]",
+            '    table_angles = { names = ["outer", "inner"] }',
+            "    [table]",
+            *(f"    {key} = {json.dumps(value)}" for key, value in TABLE.items()),
         ]
         if len(self.temperatures) > 1:
             made += [

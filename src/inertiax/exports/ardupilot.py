@@ -3,10 +3,12 @@
 ArduPilot corrects v = v' − P(T − 35) + P(T_cal − 35), then subtracts the offset that holds at T_cal, then
 (accelerometers only) multiplies by a scale; P is a cubic without constant term, its coefficients times 10⁶,
 and T is clamped to TMIN…TMAX. One switch turns P on for both triads; of a triad whose bias does not depend on
-temperature P is zero. Compasses (mgauss) have no temperature: S (m' + OFS + MOT · A), S symmetric.
+temperature P is zero. Compasses (mgauss) have no temperature: S (m' + OFS) SCALE + MOT · A, S symmetric: the motors'
+part comes after the matrix, "calculated based on final field outputs, not on the raw outputs", so it is −S c. Their
+axes are the vehicle's: COMPASS_ORIENT, or AHRS_ORIENTATION inside of the board, has turned m' before.
 
 **Reference:** ArduPilot, `AP_InertialSensor_tempcal.cpp` and `AP_InertialSensor_Backend.cpp`,
-`AP_Compass_Backend.cpp`.
+`AP_Compass_Backend.cpp` (`rotate_field`, `correct_field`).
 """
 
 import re
@@ -41,6 +43,7 @@ LOSES = (
 
 _REFERENCE = 35.0  # °C
 _FACTOR = 1e6
+_MGAUSS = 1e3 * GAUSS  # in a T
 
 
 class Settings(Common, frozen=True, kw_only=True):
@@ -90,9 +93,25 @@ def write(calibration: Calibration, settings: Settings) -> Export:
             *((HELD.format(name="ArduPilot"),) if thermal else ()),
             "ArduPilot takes an accelerometer calibration only with the sensor's own INS_ACC_ID, and "
             "learns gyro offsets anew at each start unless INS_GYR_CAL is 0",
-            "axes must be the sensor's own after its mounting rotation, before the board's",
+            *_axes(calibration),
         ),
     )
+
+
+def _axes(calibration: Calibration) -> tuple[str, ...]:
+    """The axes that ArduPilot applies the file in, of what was calibrated."""
+    notes = []
+    if calibration.accel is not None or calibration.gyro is not None:
+        notes.append(
+            "axes of accelerometers and gyros must be the sensor's own after its mounting rotation, before the "
+            "board's (AHRS_ORIENTATION)"
+        )
+    if calibration.mag is not None:
+        notes.append(
+            "axes of the compass must be the vehicle's, after COMPASS_ORIENT (a compass outside of the board) or "
+            "AHRS_ORIENTATION, as in a log's MAG messages"
+        )
+    return tuple(notes)
 
 
 def _lines(
@@ -104,6 +123,8 @@ def _lines(
     present: dict[str, bool],
 ) -> list[str]:
     """The lines of what was calibrated; the rest keeps what the autopilot has."""
+    if not any(present.values()):
+        return []
     low, high, at = temperatures
     thermal = any(fit[1:].any() for fit in (accel, gyro))
     values = {f"INS_TCAL{n}_TMIN": low, f"INS_TCAL{n}_TMAX": high} if thermal else {}
@@ -134,33 +155,40 @@ def _compass(n: int, mag: MagnetometerCalibration, low: float, high: float) -> _
     """The magnetometers in mgauss, at the temperature between `low` and `high` (°C) nearest to 35."""
     at = float(np.clip(_REFERENCE, low, high))
     found, over = (symmetric_field(mag, t) for t in (np.array([at]), nodes(low, high)))
-    scale, milli, bias = found.scale, 1e3 * GAUSS, found.bias[0]
-    groups = [
-        ("OFS", -milli * bias),
-        ("DIA", np.diagonal(scale)),
-        ("ODI", np.array([scale[0, 1], scale[0, 2], scale[1, 2]])),
-    ]
-    lines = []
+    values = {
+        "OFS": -_MGAUSS * found.bias[0],
+        "DIA": np.diagonal(found.scale),
+        "ODI": found.scale[(0, 0, 1), (1, 2, 2)],
+    }
+    lines = [f"COMPASS_SCALE{_number(n)} 1"]  # what the vehicle has would multiply the matrix
     if found.current.any():
-        groups.append(("MOT", -milli * found.current))
+        values["MOT"] = -_MGAUSS * found.scale @ found.current
         lines.append("COMPASS_MOTCT 2")  # by the battery's current
-    for key, values in groups:
+    held = {key: _single(given) for key, given in values.items()}
+    for key, given in held.items():
         names = [f"COMPASS_{key}{_number(n)}_{axis}" for axis in "XYZ"]
-        lines += [f"{name} {float(v):.9g}" for name, v in zip(names, values, strict=True)]
+        lines += [f"{name} {float(v):.9g}" for name, v in zip(names, given, strict=True)]
     losses = over.losses
     if moves(over.bias):
         losses = (*losses, f"temperature dependence of the hard iron: it is that at {at:g} °C")
 
     def applied(m: np.ndarray, temperature: np.ndarray, current: np.ndarray):
-        return (m - bias - np.outer(current, found.current)) @ scale.T
+        (x, y, z), (xy, xz, yz) = held["DIA"], held["ODI"]
+        elliptical = np.array([[x, xy, xz], [xy, y, yz], [xz, yz, z]])
+        corrected = (_MGAUSS * m + held["OFS"]) @ elliptical.T
+        return (corrected + np.outer(current, held.get("MOT", np.zeros(3)))) / _MGAUSS
 
     return _Compass(lines, applied, losses)
 
 
 def _offset(fit: Float[np.ndarray, "4 3"], at: float) -> Float[np.ndarray, "3"]:
     """The bias at a temperature, °C, in ArduPilot's single precision."""
-    bias = cubic(_unscaled(fit), np.array([at - _REFERENCE]))[0]
-    return bias.astype(np.float32).astype(float)
+    return _single(cubic(_unscaled(fit), np.array([at - _REFERENCE]))[0])
+
+
+def _single(x: Float[np.ndarray, "*axes"]) -> Float[np.ndarray, "*axes"]:
+    """The numbers as ArduPilot's single precision holds them."""
+    return x.astype(np.float32).astype(float)
 
 
 def _unscaled(fit: Float[np.ndarray, "4 3"]) -> Float[np.ndarray, "4 3"]:
@@ -176,15 +204,17 @@ def _fits(
     scale = np.diagonal(np.linalg.inv(p.accel_matrix), axis1=1, axis2=2)
     scale = 0.5 * (scale.min(axis=0) + scale.max(axis=0))
     times = np.array([[1.0], [_FACTOR], [_FACTOR], [_FACTOR]])
-    single = lambda x: x.astype(np.float32).astype(float)
-    return single(times * fit(p.accel_bias)), single(times * fit(p.gyro_bias)), single(scale)
+    return _single(times * fit(p.accel_bias)), _single(times * fit(p.gyro_bias)), _single(scale)
 
 
 _LINE = re.compile(r"([A-Z0-9_]+)[\s,=]+([-+0-9.eE]+)")
 
 
 def read(content: bytes, *, instance: int = 1) -> Calibration:
-    """The calibration in a `.parm` file: thermal and static offsets and accelerometer scales."""
+    """The calibration in a `.parm` file: thermal and static offsets and accelerometer scales.
+
+    Compasses are not read: the file does not say which field they are scaled to.
+    """
     n = instance
     found: dict[str, float] = {}
     for line in content.decode().splitlines():
@@ -211,4 +241,7 @@ def read(content: bytes, *, instance: int = 1) -> Calibration:
             scale = get(f"ACC{_number(n)}SCAL")
         matrix = np.broadcast_to(np.diag(1.0 / scale), (len(at), 3, 3))
         triads.append(triad(kind, matrix, bias, basis=basis, source=NAME))
-    return imported(triads[0], triads[1], temperature_range=(low, high) if thermal else None)
+    span = (low, high) if thermal else None
+    compass = any(k.startswith("COMPASS_") for k in found)
+    notes = ("the compasses in the file (COMPASS_*) are not read",) if compass else ()
+    return imported(triads[0], triads[1], temperature_range=span, notes=notes)

@@ -135,6 +135,7 @@ def compensate_file(
         paired = pair(accel, gyro, counted=counted)
         found, notes = (paired.recording,), tuple(n for n in (paired.note,) if n is not None)
     found = _of_device(found, path.name, calibration.device)
+    notes += tuple(note for r in found for note in (*r.notes, *r.reservations))
     parts = [
         _compensated_table(calibration, recording, _table_of(recording), path.name, any_device)
         for recording in found

@@ -248,7 +248,10 @@ _LINE = re.compile(r"\d+\s+\d+\s+([A-Z0-9_]+)\s+(\S+)\s+\d+")
 
 
 def read(content: bytes, *, instance: int = 0) -> Calibration:
-    """The calibration in a `.params` file: thermal and static offsets and accelerometer scales."""
+    """The calibration in a `.params` file: thermal and static offsets and accelerometer scales.
+
+    Magnetometers are not read: the file does not say which field they are scaled to.
+    """
     found: dict[str, float] = {}
     for line in content.decode().splitlines():
         match = _LINE.fullmatch(line.strip())
@@ -278,4 +281,8 @@ def read(content: bytes, *, instance: int = 0) -> Calibration:
         ranges.append((low, high) if high > low and enabled else None)
     spans = [r for r in ranges if r is not None]
     span = (max(r[0] for r in spans), min(r[1] for r in spans)) if spans else None
-    return imported(triads[0], triads[1], temperature_range=span)
+    magnetometers = any(k.startswith((f"CAL_MAG{n}_", f"TC_M{n}_")) for k in found)
+    notes = ("the magnetometers in the file (CAL_MAG*, TC_M*) are not read",)
+    return imported(
+        triads[0], triads[1], temperature_range=span, notes=notes if magnetometers else ()
+    )

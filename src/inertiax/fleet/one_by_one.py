@@ -23,7 +23,8 @@ from ..data.formats import ColumnMap
 from ..data.recorded import recorded
 from ..data.recording import Campaign
 from ..model_selection.model_spec import ModelSpec, TriadSpec
-from ..model_selection.select_model import choose_model, directions, settle_accel
+from ..model_selection.poses import directions
+from ..model_selection.select_model import choose_model, settle_accel
 from ..physics.temperature import AbstractBasis
 from ..reduction.dwells import Dwells
 from .copies import MARK, marks_of

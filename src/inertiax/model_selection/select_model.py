@@ -10,11 +10,12 @@ from .._records import field, Module
 from ..data.formats.columns import nearest
 from ..data.recording import Campaign, ModelChoice, NOT_CALIBRATED, Recording
 from ..estimators import AbstractEstimator, ESTIMATORS
-from ..physics.directions import FEWEST_DIRECTIONS, num_directions
+from ..physics.directions import FEWEST_DIRECTIONS
 from ..physics.temperature import AbstractBasis, Constant, Polynomial
 from ..reduction.dwells import Dwells
 from ..reduction.rotations_between_rests import shortfall, Turns
 from .model_spec import LEAST_SPAN, ModelSpec
+from .poses import directions
 
 
 class ChosenModel(Module):
@@ -208,8 +209,9 @@ def settle_accel(
         return chosen, None
     if chosen.accel_estimator != "invariant" or chosen.together:
         return chosen, None
-    found = directions(dwells)
-    if found == 1 and np.ptp(np.asarray(dwells.temperature)) >= LEAST_SPAN:
+    found = directions(dwells, campaign.recordings)
+    warms = bool(np.ptp(np.asarray(dwells.temperature)) >= LEAST_SPAN)
+    if found == 1 and warms:
         reason = (
             "accelerometers: 'static' because all rests are in one pose, which tells how the bias changes "
             "with temperature"
@@ -227,6 +229,8 @@ def settle_accel(
         f"accelerometers are not calibrated: the rests show {found} directions of gravity and 'invariant' needs "
         f"{FEWEST_DIRECTIONS}; record more positions, at rest for 4 s in each, or give reference_accel_x/y/z"
     )
+    if warms:
+        warning += "; if it was one pose that warmed up, [model] accel_estimator = 'static'"
     return _with_accel(campaign, chosen, None, None), warning
 
 
@@ -248,11 +252,6 @@ def _with_accel(
     return dataclasses.replace(
         chosen, accel_estimator=estimator, gyro_estimator=gyro, reasons=tuple(reasons)
     )
-
-
-def directions(dwells: Dwells) -> int:
-    """How many directions of gravity the rests show, each further than 5 degrees from all others."""
-    return num_directions(np.asarray(dwells.accel)[np.asarray(dwells.position) >= 0])
 
 
 def settle_gyro(campaign: Campaign, turns: Turns) -> tuple[str, str | None]:

@@ -13,6 +13,7 @@ from .azimuth import check_azimuth
 from .band_limit import check_band_limit
 from .clock import check_clock
 from .converter import check_converter
+from .corrected_outputs import check_corrected_outputs
 from .dead_channels import check_dead_channels
 from .evidence import DeviceLogs, look_at
 from .finding import Finding, Plausibility
@@ -47,6 +48,7 @@ Check = Callable[[DeviceLogs, Thresholds], list[Finding]]
 # In the order in which they are told; errors come first all the same.
 CHECKS: tuple[Check, ...] = (
     check_moving_label,
+    check_corrected_outputs,
     check_dead_channels,
     check_pose_rows,
     check_accel_unit,

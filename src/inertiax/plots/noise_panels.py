@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from .style import COLOURS, Figure, legend_above, new_figure
+from .style import Axes, COLOURS, Figure, legend_above, new_figure
 
 
 class AllanCurve(NamedTuple):
@@ -44,7 +44,26 @@ def allan(panels: Sequence[AllanPanel]) -> Figure:
         ax.minorticks_off()
         for axis in (ax.xaxis, ax.yaxis):
             axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        _label_twice(ax)
         ax.set_xlabel("averaging time τ, s")
         ax.set_ylabel(panel.label)
         legend_above(ax)
     return figure
+
+
+def _label_twice(ax: Axes) -> None:
+    """Ticks between the decades where fewer than two lie in what an axis shows: one number tells no scale."""
+    from matplotlib.ticker import LogLocator, MaxNLocator
+
+    between = (
+        LogLocator(subs=(1.0, 2.0, 5.0)),
+        LogLocator(subs=(*range(1, 10),)),
+        MaxNLocator(4, min_n_ticks=2),
+    )
+    for axis in (ax.xaxis, ax.yaxis):
+        low, high = sorted(axis.get_view_interval())
+        for locator in (axis.get_major_locator(), *between):
+            ticks = np.asarray(locator.tick_values(low, high))
+            if np.count_nonzero((ticks >= low) & (ticks <= high)) >= 2:
+                axis.set_major_locator(locator)
+                break

@@ -1,5 +1,6 @@
 """One style for all figures: colours told apart by colour-blind readers, text in one ink."""
 
+import functools
 import hashlib
 import io
 import re
@@ -25,6 +26,15 @@ INK = "#262626"
 QUIET = "#8c8c8c"
 AXIS_NAMES = ("x", "y", "z")
 
+_FONT = "DejaVu Sans"  # comes with matplotlib, so a figure is the same everywhere
+# Families with the scripts of China, Japan and Korea: of Linux, of Windows, of macOS
+_FURTHER = (
+    "Noto Sans CJK SC", "Noto Sans CJK JP", "Noto Sans CJK KR", "Noto Sans SC", "Noto Sans JP", "Noto Sans KR",
+    "Source Han Sans SC", "WenQuanYi Zen Hei", "WenQuanYi Micro Hei", "Droid Sans Fallback", "IPAGothic", "NanumGothic",
+    "Microsoft YaHei", "SimHei", "Yu Gothic", "MS Gothic", "Malgun Gothic",
+    "PingFang SC", "Heiti TC", "Hiragino Sans", "Hiragino Sans GB", "Apple SD Gothic Neo", "Arial Unicode MS",
+)  # fmt: skip
+
 _STYLE = {
     "axes.axisbelow": True,
     "axes.edgecolor": QUIET,
@@ -41,7 +51,6 @@ _STYLE = {
     "figure.autolayout": False,  # `new_figure` says which layout
     "figure.constrained_layout.use": False,
     "figure.facecolor": "white",
-    "font.family": "DejaVu Sans",  # comes with matplotlib, so a figure is the same everywhere
     "font.size": 9,
     "grid.color": QUIET,
     "grid.alpha": 0.25,
@@ -67,8 +76,18 @@ def drawing() -> Iterator[None]:
     """The style, for the time of drawing only: a user's own settings stay as they are."""
     import matplotlib as mpl
 
-    with mpl.rc_context(_STYLE):  # pyright: ignore[reportArgumentType]
+    own: Any = _STYLE | {"font.family": families()}
+    with mpl.rc_context(own):
         yield
+
+
+@functools.cache
+def families() -> list[str]:
+    """The figures' font, and installed ones for what it lacks: logs' names in Chinese, Japanese, Korean."""
+    from matplotlib.font_manager import fontManager
+
+    installed = {font.name for font in fontManager.ttflist}
+    return [_FONT, *(name for name in _FURTHER if name in installed)]
 
 
 def new_figure(
@@ -171,6 +190,13 @@ def _styles_once(svg: str) -> str:
             rules.append(f".{name}{{{style}}}")
     head = svg.index(">", svg.index("<svg")) + 1
     return f"{svg[:head]}<style>{''.join(rules)}</style>{svg[head:]}"
+
+
+def installed_fonts() -> list[Path]:
+    """Font files of this machine: TrueType, OpenType and collections of them."""
+    from matplotlib.font_manager import findSystemFonts
+
+    return sorted(map(Path, findSystemFonts()))
 
 
 def font_files() -> dict[str, Path]:

@@ -13,6 +13,7 @@ from ..plots.style import font_files
 from ..report.page import Link, Section, Table
 from ..storage.whole_files import write_atomically
 from . import content
+from .fallback_fonts import close_fonts, Fallback, fallback_fonts, lacking
 from .figures import Drawn
 from .identity import identity
 from .protocol import Protocol
@@ -25,6 +26,7 @@ _PAGES = 4  # figures that would take more are left to the page
 _LAST = 12.0  # mm for the lines below the figures
 _TO_SIGN = 1.5  # mm for each point of the letters' size, in rows that people write into
 _FILES = 12  # inputs that are listed; the JSON has all
+_BOX = "□"
 _INK, _SOFT, _LINE = (29, 35, 43), (85, 96, 110), (200, 205, 212)
 _TONES = {"good": (0, 115, 79), "attention": (156, 74, 0), "bad": (168, 35, 28)}
 
@@ -32,16 +34,26 @@ _TONES = {"good": (0, 115, 79), "attention": (156, 74, 0), "bad": (168, 35, 28)}
 class _Sheet(FPDF):
     """A4 with the page's number and the title at the foot."""
 
-    def __init__(self, title: str):
+    def __init__(self, title: str, fonts: Fallback):
         super().__init__(format="A4")
-        self._title = title
+        self.seen: set[str] = set()  # characters that were shown
+        self._missing = fonts.missing
+        self._title = title = self.printable(title)
         for style, file in font_files().items():
             self.add_font(_FONT, style, str(file))
+        for k, file in enumerate(fonts.files):
+            self.add_font(f"{_FONT}{k}", "", str(file))
+        self.set_fallback_fonts([f"{_FONT}{k}" for k in range(len(fonts.files))], exact_match=False)
         self.set_margins(_MARGIN, _MARGIN)
         self.set_auto_page_break(True, margin=_MARGIN)
         self.set_title(title)
         self.set_text_color(*_INK)
         self.set_draw_color(*_LINE)
+
+    def printable(self, text: str) -> str:
+        """Without characters that no page shows; a box for those that no font has."""
+        self.seen.update(filter(str.isprintable, text))
+        return "".join(_BOX if c in self._missing else c if c.isprintable() else " " for c in text)
 
     def footer(self) -> None:
         """Called by FPDF at the end of every page."""
@@ -54,9 +66,23 @@ class _Sheet(FPDF):
         self.set_text_color(*_INK)
 
 
-def write_pdf(protocol: Protocol, folder: Path, command: str, figures: Sequence[Drawn]) -> None:
-    """Write the document."""
-    sheet = _Sheet(_printable(content.title(protocol)))
+def write_pdf(
+    protocol: Protocol, folder: Path, command: str, figures: Sequence[Drawn]
+) -> frozenset[str]:
+    """Write the document; characters that no font of this machine has are shown as □, and returned."""
+    sheet = _filled(protocol, command, figures, Fallback((), frozenset()))
+    lack = lacking(sheet.seen, font_files()[""]) | lacking(sheet.seen, font_files()["B"])
+    fonts = fallback_fonts(lack) if lack else Fallback((), frozenset())
+    if lack:  # only a filled document says what it shows
+        close_fonts(sheet)
+        sheet = _filled(protocol, command, figures, fonts)
+    write_atomically(folder / "protocol.pdf", bytes(sheet.output()))
+    return fonts.missing
+
+
+def _filled(protocol: Protocol, command: str, figures: Sequence[Drawn], fonts: Fallback) -> _Sheet:
+    """The document."""
+    sheet = _Sheet(content.title(protocol), fonts)
     sheet.set_creation_date(datetime.datetime.fromisoformat(protocol.created))
     sheet.add_page()
     _head(sheet, protocol)
@@ -80,7 +106,12 @@ def write_pdf(protocol: Protocol, folder: Path, command: str, figures: Sequence[
             break
     _section(sheet, to_sign, line=_TO_SIGN, room=room)
     _text(sheet, f"Written by: {command}", _SMALL, _SOFT)
-    write_atomically(folder / "protocol.pdf", bytes(sheet.output()))
+    if fonts.missing:
+        said = (
+            "stands for characters that no font had where this was written; protocol.html has them."
+        )
+        _text(sheet, f"{_BOX} {said}", _SMALL, _SOFT)
+    return sheet
 
 
 def _head(sheet: _Sheet, protocol: Protocol) -> None:
@@ -112,7 +143,9 @@ def _text(
 ) -> None:
     sheet.set_font(_FONT, "B" if bold else "", size)
     sheet.set_text_color(*colour)
-    sheet.multi_cell(0, 0.49 * size, _printable(text), align="L", new_x="LMARGIN", new_y="NEXT")
+    sheet.multi_cell(
+        0, 0.49 * size, sheet.printable(text), align="L", new_x="LMARGIN", new_y="NEXT"
+    )
     sheet.set_text_color(*_INK)
 
 
@@ -131,14 +164,14 @@ def _table(sheet: _Sheet, table: Table, line: float) -> None:
         headings_style=FontFace(emphasis="BOLD", color=_SOFT),
     ) as made:
         for row in (table.head, *cells):
-            made.row([_printable(c) for c in row])
+            made.row([sheet.printable(c) for c in row])
     sheet.ln(0.8)
 
 
 def _widths(sheet: _Sheet, head: Sequence[str], rows: Sequence[Sequence[str]]) -> tuple[float, ...]:
     """In proportion to each column's longest text; none takes more than half of the width."""
     longest = [
-        max(sheet.get_string_width(_printable(row[k])) for row in (head, *rows)) + 3.0
+        max(sheet.get_string_width(sheet.printable(row[k])) for row in (head, *rows)) + 3.0
         for k in range(len(head))
     ]
     most = max(0.5 * sheet.epw, sheet.epw - sum(sorted(longest)[:-1]))
@@ -158,8 +191,3 @@ def _figure(sheet: _Sheet, drawn: Drawn, after: float) -> bool:
     _text(sheet, drawn.picture.caption, _SMALL, _SOFT)
     sheet.ln(1.5)
     return True
-
-
-def _printable(text: str) -> str:
-    """Without characters that no page shows."""
-    return "".join(c if c.isprintable() else " " for c in text)

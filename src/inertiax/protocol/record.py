@@ -9,6 +9,7 @@ from pathlib import Path
 
 import msgspec
 
+from ..data.compensated import WRONG_PARAMETERS
 from ..data.inputs import InputFile
 from ..data.json_documents import decode, encode
 from ..storage.whole_files import write_atomically
@@ -153,6 +154,17 @@ def was_made_of(calibration: Path, file: Path) -> bool:
     size = file.stat().st_size
     alike = {one.sha256 for one in known.inputs if one.bytes == size}
     return bool(alike) and digest_of(file) in alike
+
+
+def wrong_parameters(calibration: Path) -> tuple[str, ...]:
+    """What the record beside a `calibration.json` says of outputs that a flight controller had corrected."""
+    try:
+        known = read_record(calibration.parent)
+    except ValueError:
+        return ()
+    if calibration.name != "calibration.json":
+        return ()
+    return tuple(w for w in known.warnings if WRONG_PARAMETERS in w)
 
 
 def digest_of(file: Path) -> str:

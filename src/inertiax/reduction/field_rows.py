@@ -18,6 +18,7 @@ from .dwells import Dwells
 from .mean_covariance import covariances_of_means
 from .mean_noise import converter_steps
 from .sample_sums import joined_means, Reduced, reduced, scatter_of
+from .steady_field import without_current_changes
 
 
 TURN = np.radians(5.0)  # between samples in motion (convention: 500 of them cover the sphere)
@@ -101,7 +102,8 @@ def _rests(
 ) -> _Rests | None:
     """Sums over the rests of a recording in which its magnetometers read the same throughout.
 
-    In a log that is turned all along the search for rests finds its slowest turns; their means would be too short.
+    In a log that is turned all along the search for rests finds its slowest turns; their means would be too short. What
+    a current that was logged moves the field by does not count.
     `read` are the rows that `mine` keeps of the recording.
     """
     assert dwells.rows is not None  # `reduce_to_dwells` says where they are
@@ -112,15 +114,18 @@ def _rests(
     total = np.append(0, np.cumsum(used))
     filled = total[stop] > total[start]
     own, start, stop = own[filled], start[filled], stop[filled]
+    held = None if mine.current is None else held_current(mine)
     if len(own):
+        if held is not None:
+            noise = sample_noise(_mag(mine))
+            mine = without_current_changes(mine, held, start, stop, used, noise)
         still = _still(reduced(mine, start, stop, used, ("time", "mag")), mine)
         own, start, stop = own[still], start[still], stop[still]
     if not len(own):
         return None
     sums = reduced(mine, start, stop, used, ("time", "mag"))
-    if mine.current is None:
+    if held is None:
         return _Rests(own, sums, None)
-    held = held_current(mine)
     return _Rests(own, sums, np.add.reduceat(held[sums.rows], _starts(sums)) / sums.counts)
 
 

@@ -1,20 +1,23 @@
 """ArduPilot's dataflash `.bin`: the `IMU` messages, with their temperature.
 
 Each IMU of the log is a device of its own, named `imu0`, `imu1`, …; `[recordings] instance` reads one alone
-(ArduPilot's `I`, from 0). The messages hold values after the corrections that were active (INS_ACCOFFS,
-INS_TCAL, …); for raw ones these must have been off.
+(ArduPilot's `I`, from 0). The messages hold values after the corrections that were active (INS_ACCOFFS, INS_TCAL, …),
+which the log's parameters tell (`dataflash_corrections`): they are taken away again.
 
 The compass `MAG` (mgauss), the barometer `BARO` and the battery's current in `BAT` come with the IMU of the same
-number, in the rows nearest to their samples. The compass' offsets that the message names are taken away again.
+number, in the rows nearest to their samples. The compass' offsets that the message names, and its matrix, are taken
+away likewise.
 """
 
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import polars as pl
 
-from ..recording import Recording
+from ..recording import Recording, restated
 from .columns import AS_FOUND, AXES, ColumnMap, Layout, shown
+from .dataflash_corrections import field_uncorrected, PARAMETERS, Parameters, uncorrected
 from .dataflash_messages import HEAD, messages
 from .streams import placed
 from .table import to_recordings
@@ -36,7 +39,7 @@ _STAMPS = {"TimeUS": 1e-6, "TimeMS": 1e-3}  # s; milliseconds before ArduPilot 3
 
 def read(path: Path, columns: ColumnMap, layout: Layout = AS_FOUND) -> tuple[Recording, ...]:
     """Recordings in a dataflash log, one per IMU. Raises `ValueError` naming file and field."""
-    tables = _tables(path)
+    tables, parameters, of_compass = _tables(path)
     if not tables:
         raise ValueError(
             f"{path.name}: no IMU messages in the log; switch IMU logging on (LOG_BITMASK)."
@@ -50,15 +53,43 @@ def read(path: Path, columns: ColumnMap, layout: Layout = AS_FOUND) -> tuple[Rec
         instances = [layout.instance]
     recordings: list[Recording] = []
     for i in instances:
-        table = tables[i]
+        label = f"{path.name} IMU[{i}]"
+        table, undone, doubts = uncorrected(tables[i], parameters, i)
+        notes = _notes(label, parameters, (*undone, *of_compass.get(i, ())))
         if len(instances) > 1 and columns.device is None:
             table = table.with_columns(pl.lit(f"imu{i}").alias("device"))
-        recordings += to_recordings(table, columns, layout, name=f"{path.name} IMU[{i}]")
+        doubts = tuple(f"{label}: {doubt}" for doubt in doubts)
+        read = to_recordings(table, columns, layout, name=label)
+        recordings += [restated(recording, notes=notes, reservations=doubts) for recording in read]
     return tuple(recordings)
 
 
-def _tables(path: Path) -> dict[int, pl.DataFrame]:
-    """Time, accel, gyro and perhaps temperature, in SI, of each IMU."""
+def _notes(label: str, parameters: Parameters, undone: tuple[str, ...]) -> tuple[str, ...]:
+    """What became of the corrections that ArduPilot made, in words."""
+    if not parameters:
+        return (
+            f"{label}: the log has no parameters (PARM): its values are taken for uncorrected ones.",
+        )
+    if not undone:
+        return ()
+    return (
+        f"{label}: its values are after {', '.join(undone)} (PARM), which are taken away again: the outputs are the "
+        "sensors' own.",
+    )
+
+
+class _Log(NamedTuple):
+    """What of a log is read."""
+
+    tables: dict[int, pl.DataFrame]  # time, accel, gyro and perhaps temperature, in SI, of each IMU
+    parameters: Parameters
+    of_compass: dict[
+        int, tuple[str, ...]
+    ]  # parameters that were taken away from that of the number
+
+
+def _tables(path: Path) -> _Log:
+    """The IMUs of a log, with the slower sensors beside each. Raises `ValueError` where it is damaged, or none."""
     content = path.read_bytes()
     if not content.startswith(MAGIC):
         text = not any(b < 9 for b in content[:4096])
@@ -67,7 +98,7 @@ def _tables(path: Path) -> dict[int, pl.DataFrame]:
             f"{path.name}: not a dataflash log: it does not begin with its header{cure}."
         )
     try:
-        found = messages(content, (*_NAMES, *_COMPASSES, *_BAROMETERS, _BATTERY))
+        found = messages(content, (*_NAMES, *_COMPASSES, *_BAROMETERS, _BATTERY, PARAMETERS))
     except ValueError as error:
         raise ValueError(f"{path.name}: the dataflash log is damaged: {error}.") from None
     tables: dict[int, pl.DataFrame] = {}
@@ -81,8 +112,10 @@ def _tables(path: Path) -> dict[int, pl.DataFrame]:
                     "its messages change."
                 )
             tables[i] = pl.concat([tables[i], table]) if i in tables else table
-    slower = _slower(found, path.name)
-    return {i: _with_slower(table, i, slower) for i, table in tables.items()}
+    parameters = Parameters(found, _STAMPS)
+    slower, of_compass = _slower(found, path.name, parameters)
+    tables = {i: _with_slower(table, i, slower) for i, table in tables.items()}
+    return _Log(tables, parameters, of_compass)
 
 
 def _by_instance(name: str, fields: dict[str, np.ndarray], where: str) -> dict[int, pl.DataFrame]:
@@ -114,10 +147,12 @@ def _instances(name: str, fields: dict[str, np.ndarray], names: tuple[str, ...])
 
 
 def _slower(
-    found: list[tuple[str, dict[str, np.ndarray]]], where: str
-) -> dict[tuple[str, int], tuple[np.ndarray, np.ndarray]]:
-    """Stamps (s) and values of compass (T), barometer (Pa) and current (A), by sensor and number."""
+    found: list[tuple[str, dict[str, np.ndarray]]], where: str, parameters: Parameters
+) -> tuple[dict[tuple[str, int], tuple[np.ndarray, np.ndarray]], dict[int, tuple[str, ...]]]:
+    """Stamps (s) and values of compass (T), barometer (Pa) and current (A), by sensor and number; and the parameters
+    that were taken away from each compass."""
     made: dict[tuple[str, int], tuple[np.ndarray, np.ndarray]] = {}
+    undone: dict[int, tuple[str, ...]] = {}
     for name, fields in found:
         if name in _COMPASSES:
             kind, names, wanted = "mag", _COMPASSES, tuple(f"Mag{a.upper()}" for a in AXES)
@@ -135,17 +170,34 @@ def _slower(
                 f"{where}: {name} has {shown(fields)}; a stamp and {', '.join(wanted)} are needed."
             )
         values = np.stack([fields[f].astype(float) for f in wanted], axis=1)
-        if kind == "mag":
-            for offset in ("Ofs", "MO"):  # of the sensor, and of the motors' current
-                own = [f"{offset}{a.upper()}" for a in AXES]
-                if all(o in fields for o in own):
-                    values = values - np.stack([fields[o].astype(float) for o in own], axis=1)
-            values = _MGAUSS * values
         number = _instances(name, fields, names)
-        for i in np.unique(number):
+        for i in map(int, np.unique(number)):
             mine = number == i
-            made.setdefault((kind, int(i)), (_STAMPS[stamp] * fields[stamp][mine], values[mine]))
-    return made
+            time, own = _STAMPS[stamp] * fields[stamp][mine], values[mine]
+            if kind == "mag":
+                told = {f: v[mine] for f, v in fields.items()}
+                own, undone[i] = _field(told, own, time, parameters, i)
+            made.setdefault((kind, i), (time, own))
+    return made, undone
+
+
+def _field(
+    fields: dict[str, np.ndarray],
+    values: np.ndarray,
+    time: np.ndarray,
+    parameters: Parameters,
+    instance: int,
+) -> tuple[np.ndarray, tuple[str, ...]]:
+    """A compass' own output, T: the current's part was added last, the offsets first; and what was taken away."""
+
+    def told(name: str) -> np.ndarray:
+        own = [f"{name}{a.upper()}" for a in AXES]
+        if not all(o in fields for o in own):
+            return np.zeros_like(values)
+        return np.stack([fields[o].astype(float) for o in own], axis=1)
+
+    found, names = field_uncorrected(values - told("MO"), time, parameters, instance)
+    return _MGAUSS * (found - told("Ofs")), names
 
 
 def _with_slower(

@@ -5,22 +5,24 @@ same number, in the rows nearest to their samples.
 
 Each instance (IMU) of the log is a device of its own, named `imu0`, `imu1`, …; `[recordings] instance`
 reads one alone. The gyros are put onto the accelerometers' stamps by straight lines where their stamps
-differ. `[recordings] topic = "sensor_combined"` reads what PX4 has corrected instead.
+differ. `[recordings] topic = "sensor_combined"` reads what PX4 has corrected instead; where the log states such
+corrections the recordings say so (`ulog_corrections`).
 """
 
 import contextlib
 import io
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 import numpy as np
 import polars as pl
 
-from ..recording import Recording
+from ..recording import Recording, restated
 from .columns import AS_FOUND, AXES, ColumnMap, Layout, shown
 from .optional import load
 from .streams import onto, placed, shared
 from .table import to_recordings
+from .ulog_corrections import doubt_about
 
 
 NAME = "ulog"
@@ -44,7 +46,8 @@ def read(path: Path, columns: ColumnMap, layout: Layout = AS_FOUND) -> tuple[Rec
             f"{path.name}: topic '{topic}' is not read; one of {', '.join(_TOPICS)} is needed (a "
             "sensor_accel comes with its sensor_gyro)."
         )
-    data = _datasets(path)
+    log = _log(path)
+    data = _datasets(log)
     imus = sorted({name for name, _ in data} - set(_SLOWER))
     names = ("sensor_combined",) if topic == "sensor_combined" else _TOPICS[:2]
     instances = sorted({i for name, i in data if name in names})
@@ -69,8 +72,18 @@ def read(path: Path, columns: ColumnMap, layout: Layout = AS_FOUND) -> tuple[Rec
             table = table.with_columns(_slower(data, i, table["time"].to_numpy(), path.name))
         if len(instances) > 1 and columns.device is None:
             table = table.with_columns(pl.lit(f"imu{i}").alias("device"))
-        recordings += to_recordings(table, columns, layout, name=label)
+        ids = {int(f["device_id"][0]) for (_, k), f in data.items() if k == i and _has_id(f)}
+        release = log.msg_info_dict.get("ver_sw_release")
+        release = release if isinstance(release, int) else None
+        doubt = doubt_about(names[0], log.initial_parameters, release, ids)
+        said = () if doubt is None else (f"{label}: {doubt}",)
+        read = to_recordings(table, columns, layout, name=label)
+        recordings += [restated(r, reservations=said) for r in read]
     return tuple(recordings)
+
+
+def _has_id(fields: dict[str, np.ndarray]) -> bool:
+    return "device_id" in fields and len(fields["device_id"]) > 0
 
 
 def sensor_ids(path: Path) -> dict[int, dict[str, int]]:
@@ -79,15 +92,20 @@ def sensor_ids(path: Path) -> dict[int, dict[str, int]]:
     The log's first rows tell them. Raises `ValueError` where the log cannot be read.
     """
     found: dict[int, dict[str, int]] = {}
-    for (topic, instance), fields in _datasets(path, most=_HEAD).items():
-        if "device_id" in fields and len(fields["device_id"]):
+    for (topic, instance), fields in _datasets(_log(path, most=_HEAD)).items():
+        if _has_id(fields):
             key = f"{topic.removeprefix('sensor_')}_id"
             found.setdefault(instance, {})[key] = int(fields["device_id"][0])
     return found
 
 
-def _datasets(path: Path, most: int | None = None) -> dict[tuple[str, int], dict[str, np.ndarray]]:
-    """Topics of a log, by name and instance; of its first `most` bytes alone, where that is given."""
+def _datasets(log: Any) -> dict[tuple[str, int], dict[str, np.ndarray]]:
+    """Topics of pyulog's log, by name and instance."""
+    return {(d.name, d.multi_id): d.data for d in log.data_list}
+
+
+def _log(path: Path, most: int | None = None) -> Any:
+    """pyulog's log of a file; of its first `most` bytes alone, where that is given. Raises `ValueError` for none."""
     pyulog = load("pyulog", "px4", path)
     with path.open("rb") as file:
         if file.read(len(MAGIC)) != MAGIC:
@@ -105,7 +123,7 @@ def _datasets(path: Path, most: int | None = None) -> dict[tuple[str, int], dict
             raise ValueError(f"{path.name}: the ULog is damaged: {reason}.") from None
     if log.file_corruption and most is None:
         raise ValueError(f"{path.name}: the ULog has corrupt parts; download it again.")
-    return {(d.name, d.multi_id): d.data for d in log.data_list}
+    return log
 
 
 class _Once:
