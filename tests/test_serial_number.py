@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from inertiax.data.campaign import load_campaign
-from inertiax.data.recording import Recording, renamed
+from inertiax.data.recording import Recording, restated
 from inertiax.protocol import content
 from inertiax.protocol.identity import identity, not_stated
 from inertiax.protocol.measurement import Measurement
@@ -41,7 +41,7 @@ def test_a_column_that_names_another_device_is_refused(tmp_path):
 def test_a_renamed_recording_keeps_its_columns():
     time = np.arange(5.0)
     one = Recording(time=time, accel=np.ones((5, 3)), name="log")
-    other = renamed(one, "X")
+    other = restated(one, device="X")
     assert (one.device, other.device, other.name) == ("", "X", "log")
     assert other.time is one.time and np.array_equal(other.accel, one.accel)
 

@@ -31,9 +31,7 @@ from .results import TriadResult
 
 
 _HARMONICS = 12  # of the sum: what is left of 1/i² is 5 % of the variance
-_MOST_RESTS = (
-    200  # that are looked at for step and noise, which are the converter's and the device's
-)
+_MOST_RESTS = 200  # looked at for step and noise, which are the converter's and the device's
 _LEAST = 1e-3  # of the variance of a bias, below which what is common changes no figure
 
 
@@ -43,6 +41,8 @@ def with_common_rounding(result: TriadResult, recordings: Sequence[Recording]) -
     if result.estimator.triad != "gyro" or dwells.rows is None or dwells.gyro is None:
         return result
     rests = np.flatnonzero(np.asarray(dwells.position) >= 0)
+    if not len(rests):
+        return result
     alike = [_alike(recordings, dwells, rests, axis) for axis in range(3)]
     if all(u is None for u in alike):
         return result

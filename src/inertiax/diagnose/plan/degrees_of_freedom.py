@@ -20,6 +20,7 @@ from .limits import POWER
 
 DWELL = 3  # place of the variance of each dwell among a chain's log variances (`noise.state_space.Variances`)
 FREE = 12.0  # its logarithm where dwells tell nothing by their levels, the most that is fitted
+SLIGHT = 0.01  # part of the information below which a tenfold size would be asked for (convention)
 PLENTY = 500  # dwells from which their scatter is known to 3 %, and nothing is worked out
 
 
@@ -34,7 +35,7 @@ class Told(NamedTuple):
     @property
     def anything(self) -> bool:
         """Whether scatter between the dwells cannot stand for all of the effect."""
-        return self.freedom >= 1.0 or self.within > 0.01
+        return bool(self.freedom >= 1.0 or self.within > SLIGHT)
 
 
 BY_ALL = Told()  # of dwells by the thousand
