@@ -40,11 +40,11 @@ def sizes_section(audit: Audit) -> Section:
     head = ("effect", "of", "x", "y", "z", "unit")
     lines = (
         f"The smallest size of each effect that a diagnosis of this campaign detects with a probability of "
-        f"{100 * POWER:.0f} %, each in the form and at the moment that shows it best. A time constant or a "
-        f"width is given where theory fixes the size of the effect itself.",
+        f"{100 * POWER:.0f} %, each in the form that shows it best, a step at half of the moments. A time constant "
+        f"or a width is given where theory fixes the size of the effect itself.",
     )
     table = Table(head, tuple(size_rows(audit)), numeric=(2, 3, 4))
-    return Section("What could not have been missed", lines=lines, tables=(table,))
+    return Section("The smallest sizes that would have shown", lines=lines, tables=(table,))
 
 
 def size_rows(audit: Audit) -> list[tuple[str, ...]]:

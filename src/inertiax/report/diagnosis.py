@@ -338,7 +338,7 @@ def _limits_section(found: Diagnosis) -> list[Section]:
             numeric=(2,),
             caption="The smallest size that this campaign would have shown",
         )
-        sections.append(Section("What could not have been missed", tables=(table,)))
+        sections.append(Section("The smallest sizes that would have shown", tables=(table,)))
     if found.not_testable:
         lines = ("This campaign says nothing about these effects.",)
         items = found.notes or found.not_testable
