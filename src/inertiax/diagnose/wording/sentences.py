@@ -103,7 +103,8 @@ def summary(
         return (
             f"The recordings agree with {models} within noise, the dwells' scatter and the rig's stated "
             "uncertainty; no catalogued effect and no structured remainder stands out. The list of detectable "
-            "sizes says from where on nine of ten would have been found, on the channel that shows best."
+            "sizes says from which size on an effect would have been found nine times of ten, on the channel that "
+            "shows it best."
         )
     if verdict == "missing-physics":
         parts = " ".join(e.in_short or e.statement for e in explanations)
