@@ -12,7 +12,6 @@ from collections.abc import Iterator
 
 import numpy as np
 import scipy.linalg
-import scipy.optimize
 import scipy.special
 from jaxtyping import Float
 
@@ -149,10 +148,12 @@ def _explained(
     most: float,
 ) -> float:
     """Part of the whitened residual's square that the columns take beside a model, none with more than `most`."""
+    from scipy.optimize import lsq_linear  # slow to import, and seldom needed
+
     frame = _span(model)
     residual = residual - frame @ (frame.T @ residual)
     off = columns - frame @ (frame.T @ columns)
-    found = scipy.optimize.lsq_linear(off, residual, (-most, most))
+    found = lsq_linear(off, residual, (-most, most))
     return 1.0 - 2.0 * float(found.cost) / max(float(residual @ residual), 1e-300)
 
 

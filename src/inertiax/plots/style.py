@@ -199,6 +199,16 @@ def installed_fonts() -> list[Path]:
     return sorted(map(Path, findSystemFonts()))
 
 
+def characters_of(font: Path) -> frozenset[str]:
+    """Characters that a font file has glyphs for; none of a damaged one."""
+    from matplotlib.ft2font import FT2Font
+
+    try:
+        return frozenset(map(chr, FT2Font(str(font)).get_charmap()))
+    except (RuntimeError, OSError):
+        return frozenset()
+
+
 def font_files() -> dict[str, Path]:
     """Files of the figures' font by style ("", "B"), for documents that stand beside them."""
     import matplotlib as mpl

@@ -1,14 +1,16 @@
 """Fonts of this machine for characters that the documents' own font lacks: Chinese, Japanese, Korean and others."""
 
+import struct
 from collections.abc import Iterable, Set
 from pathlib import Path
 from typing import NamedTuple
 
-from fontTools.ttLib import TTFont
+from fontTools.ttLib import TTLibError
 from fpdf import FPDF
+from fpdf.errors import FPDFException
 from fpdf.fonts import TTFFont
 
-from ..plots.style import installed_fonts
+from ..plots.style import characters_of, installed_fonts
 
 
 # Parts of names of fonts with tens of thousands of characters: looked at first, so that few files are opened
@@ -25,6 +27,17 @@ _LARGE = (
     "sim",
     "ming",
     "sans",
+)
+# What the writer of the PDF and its reader of fonts end with on a font that is damaged or of a kind they do not take
+_UNUSABLE = (
+    FPDFException,
+    TTLibError,
+    RuntimeError,
+    LookupError,
+    ValueError,
+    AssertionError,
+    struct.error,
+    OSError,
 )
 _NONE = "lastresort"  # shows boxes for all characters there are
 
@@ -80,11 +93,7 @@ def _order(file: Path) -> tuple[int, str]:
 def _characters(file: Path) -> frozenset[str]:
     if _NONE in file.name.lower().replace("-", "").replace("_", ""):
         return frozenset()
-    try:
-        with file.open("rb") as stream, TTFont(stream, fontNumber=0, lazy=True) as font:
-            return frozenset(map(chr, font.getBestCmap() or {}))
-    except Exception:  # fontTools meets a damaged font with whatever its parsing runs into
-        return frozenset()
+    return characters_of(file)
 
 
 def _can_be_used(file: Path) -> bool:
@@ -92,7 +101,7 @@ def _can_be_used(file: Path) -> bool:
     tried = FPDF()
     try:
         tried.add_font("tried", "", str(file))
-    except Exception:  # likewise
+    except _UNUSABLE:
         return False
     finally:
         close_fonts(tried)

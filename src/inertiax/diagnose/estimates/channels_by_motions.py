@@ -19,7 +19,8 @@ from ...calibrate.results import TriadResult
 from ...estimators import GravityRotation
 from ..candidates.signatures import Term
 from ..noise.observation_series import NoiseFit
-from ..problem import Prepared, Problem, with_outputs
+from ..observations.log_outputs import with_outputs
+from ..problem import Prepared, Problem
 from ..selection.evidence import Candidate
 from ..selection.verdict import Answer, Named, SAME
 from .applied_effects import fitted_effects

@@ -1,8 +1,9 @@
 """How well the dwells of a campaign tell the scatter between them, against which an effect has to show.
 
 The scatter between dwells is fitted to the dwells that an effect is looked for in, so that it can stand for the effect.
-Ten rests leave four degrees of freedom beside six parameters: a likelihood ratio that hundreds of dwells reach at four
-standard deviations these reach at ten. What an effect does within dwells scatter cannot stand for.
+Ten rests leave three degrees of freedom beside six parameters and an effect: a likelihood ratio of 16, which hundreds
+of dwells reach at four standard deviations, these reach at thirteen. What an effect does within dwells scatter cannot
+stand for.
 """
 
 from collections.abc import Sequence
@@ -27,9 +28,7 @@ PLENTY = 500  # dwells from which their scatter is known to 3 %, and nothing is 
 class Told(NamedTuple):
     """What a coefficient is judged by."""
 
-    freedom: float = (
-        np.inf
-    )  # degrees of freedom of the scatter between dwells, beside the model and the effect
+    freedom: float = np.inf  # of the scatter between dwells, beside the model and the effect
     within: float = 1.0  # part of what is told of the coefficient that dwells tell within them
 
     @property
