@@ -133,6 +133,29 @@ def test_three_columns_without_a_name_that_read_a_field_are_magnetometers(tmp_pa
     assert load_campaign(tmp_path).recordings[0].mag is not None
 
 
+@pytest.mark.parametrize("renewals", [0, 30])
+def test_the_system_s_estimate_of_a_bias_is_no_sensor(tmp_path, renewals):
+    """As Android writes an uncalibrated sensor: x, y, z, and three that stand still until the system renews them."""
+    rng = np.random.default_rng(4)
+    directions = Rotation.random(ROWS, random_state=2).apply([0.0, 0.0, 1.0])
+    estimate = np.tile([57.772, -73.669, 411.086], (ROWS, 1))
+    for row in rng.integers(1, ROWS, renewals):
+        estimate[row:] += rng.normal(0.0, 0.5, 3)
+    field = 54.3 * directions + estimate[0]
+    found, tables = drafted(tmp_path / "magnetometer.txt", lines(TIME, *field.T, *estimate.T))
+    assert not {"accel", "gyro"} & set(tables["columns"]) and "system's estimate" in found.text
+    np.testing.assert_allclose(load_campaign(tmp_path).recordings[0].mag, 1e-6 * field, rtol=1e-4)
+
+
+def test_gyros_behind_accelerometers_are_no_estimate_though_they_rest_for_long(tmp_path):
+    """Of a coarse converter: rates of 0.07 deg/s a step, which change while the device is turned alone."""
+    step = np.radians(0.07)
+    still = np.abs(TURNS - 0.01).max(axis=1) < 0.1
+    gyro = np.where(still[:, None], step, step * np.round(TURNS / step))
+    _, tables = drafted(tmp_path / "log.csv", lines(TIME, *FORCE.T, *gyro.T))
+    assert {"accel", "gyro"} <= set(tables["columns"])
+
+
 def test_seconds_since_1970_and_labels_are_no_outputs(tmp_path):
     label = np.arange(ROWS) % 3
     seconds = np.floor(1.7468e9 + TIME)

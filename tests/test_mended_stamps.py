@@ -114,6 +114,23 @@ def test_a_restart_leaves_the_pauses_of_lost_rows_and_is_marked(tmp_path):
     np.testing.assert_allclose(np.diff(recording.time), steps, atol=2e-6)
 
 
+def test_two_files_of_one_clock_that_begins_anew(tmp_path):
+    """Their stamps kept neither their step nor their order, and the log was refused by a time that no row has."""
+    true, _, accel, gyro = slipped()
+    half, ahead = len(true) // 2, 30.0
+    stamps = np.r_[true[:half] + ahead, true[half:] + ahead - 0.898]
+    path = written(tmp_path / "accelerometer.csv", (stamps, accel), "time,accel_x,accel_y,accel_z")
+    other = written(tmp_path / "gyroscope.csv", (stamps, gyro), "time,gyro_x,gyro_y,gyro_z")
+    columns = draft(path, gyro=other)["columns"]
+    assert columns["time"] == {"name": "time", "unit": "s", "mend": True}
+    assert (columns["accel"]["unit"], columns["gyro"]["unit"]) == ("m/s^2", "rad/s")
+    (recording,) = load_campaign(tmp_path).recordings
+    np.testing.assert_allclose(recording.gyro, gyro, rtol=1e-5, atol=1e-7)
+    steps = np.diff(true)
+    steps[half - 1] = 25 * 0.02
+    np.testing.assert_allclose(np.diff(recording.time), steps, atol=2e-5)  # seven digits written
+
+
 def test_who_wrote_no_mend_is_told_of_it(tmp_path):
     _, stamps, accel, gyro = slipped()
     path = written(tmp_path / "log.csv", (stamps, accel / G, gyro / DEGREE), f"millis,{CANONICAL}")

@@ -18,6 +18,9 @@ _TURNS = (360.0, 400.0, 2.0 * np.pi)
 _NEAR_A_TURN = 0.05
 _FEWEST_ROWS = 50
 _YEARS = (1990.0, 2100.0)
+# Of the rows an estimate of a bias changes, which a system renews from time to time, and an output beside it does
+# (convention; Android's changes in up to one row of a hundred, and its outputs stand still in one of eight).
+_RENEWED, _MOVES = 0.05, 0.5
 
 
 def rises(log: RawLog, name: str) -> bool:
@@ -79,6 +82,19 @@ def _is_before_outputs(log: RawLog, names: list[str]) -> bool:
     if not is_mark(log.numbers[names[0]]) or len(names) <= len("xyz") or after is None:
         return False
     return len(np.unique(after[np.isfinite(after)])) > _FEWEST_VALUES
+
+
+def is_bias_estimate(
+    log: RawLog, outputs: tuple[str, str, str], triad: tuple[str, str, str]
+) -> bool:
+    """Whether three columns hardly ever change behind three that do nearly always: what the system takes for the
+    outputs' bias, as Android writes it behind an uncalibrated sensor. Whole numbers may be a coarse sensor's."""
+    after, before = (np.stack([log.numbers[n] for n in t], axis=1) for t in (triad, outputs))
+    if len(after) < _FEWEST_ROWS or not np.isfinite(after).all() or are_whole(after):
+        return False
+    renewed = np.any(np.diff(after, axis=0) != 0.0, axis=1).mean()
+    moves = np.all(np.diff(before, axis=0) != 0.0, axis=1).mean()
+    return bool(renewed < _RENEWED and moves > _MOVES)
 
 
 def date_columns(log: RawLog, names: list[str]) -> tuple[str, ...]:

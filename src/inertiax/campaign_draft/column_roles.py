@@ -12,6 +12,7 @@ from .column_kinds import gyros_of_one_name, kind_of, STEADY, unsteadiness
 from .column_numbers import (
     are_whole,
     date_columns,
+    is_bias_estimate,
     is_clock,
     is_clock_set_back,
     is_mark,
@@ -354,6 +355,9 @@ def _by_numbers(log: RawLog, only: str | None) -> Roles:
     )
     if not threes:
         return Roles(time, None, None, None, None, notes)
+    if len(threes) == 2 and is_bias_estimate(log, threes[0], threes[1]):
+        constant = f"{', '.join(threes.pop())}: hardly ever change, so they are the system's estimate of a bias"
+        notes = (*notes, f"{constant}, left aside")
     if only is not None or len(threes) == 1:
         key = only or "accel"
         return Roles(time, None, None, None, None, notes)._replace(**{key: threes[0]})

@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float
 from ..data.formats import imu_tk
 from ..data.pairing import pair
 from ..data.recording import Recording
-from .clock import Clock, clock_of
+from .clock import ALL_UNITS, Clock, clock_of
 from .column_roles import Roles, roles_of
 from .raw_log import as_text, RawLog, read_log, read_logs, unnamed
 
@@ -189,9 +189,9 @@ def absolute(log: RawLog, clock: Clock) -> Float[np.ndarray, " rows"]:
     """Seconds since the file's own zero, so that two files agree."""
     if clock.name is None or clock.name in log.stamps:
         return clock.seconds
-    first, second = log.numbers[clock.name][[0, -1]]
-    scale = (clock.seconds[-1] - clock.seconds[0]) / (second - first)
-    return scale * log.numbers[clock.name]
+    assert clock.unit is not None  # of numbers it is told, or they are no stamps
+    # The seconds may be mended: a clock that begins anew goes on behind what was before.
+    return ALL_UNITS[clock.unit] * log.numbers[clock.name][0] + clock.seconds - clock.seconds[0]
 
 
 def columns(log: RawLog, names: tuple[str, str, str] | None) -> Float[np.ndarray, "rows 3"] | None:
