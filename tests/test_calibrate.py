@@ -15,6 +15,7 @@ from inertiax.calibrate.pipeline import calibrate, DeviceFailure, DeviceResult
 from inertiax.calibration.calibration import read_calibration
 from inertiax.data.campaign import load_campaign
 from inertiax.data.recording import Campaign, ModelChoice, Site
+from inertiax.diagnose.pipeline import diagnose_campaign
 from inertiax.procedure.single_device import Problem
 from inertiax.simulate import Device, draw_accelerometers, paper_set, simulate_recordings
 from inertiax.simulate.plan import PAPER_GRAVITY
@@ -203,6 +204,10 @@ REFUSED = {
         ModelChoice(g_sensitivity=True),
         "g_sensitivity = true, but no gyro columns were recorded",
     ),
+    "nothing to calibrate": (
+        ModelChoice(accel_estimator="none"),
+        r'accel_estimator = "none": nothing is left to calibrate',
+    ),
     "unknown estimator": (
         ModelChoice(accel_estimator="magic"),
         r"accel_estimator = 'magic': it must be one of invariant, reference, static, none",
@@ -221,6 +226,13 @@ def test_contradictory_models_are_refused(name, recordings):
     assert isinstance(failure, DeviceFailure)
     assert re.search(message, failure.reason)
     assert "\n" not in failure.reason
+
+
+def test_a_diagnosis_of_nothing_is_refused(recordings):
+    _, made = recordings
+    nothing = ModelChoice(accel_estimator="none", gyro_estimator="none")
+    with pytest.raises(ValueError, match="nothing is left to diagnose"):
+        diagnose_campaign(Campaign(made, model=nothing))
 
 
 def test_unknown_method_is_refused(recordings):

@@ -357,6 +357,27 @@ def test_references_that_contradict_the_outputs():
     assert dict(found.evidence)["seconds"] == pytest.approx(0.3, abs=0.05)
 
 
+@pytest.mark.parametrize("mirrored", ["y", "xz", "xyz"])
+def test_gyros_that_a_table_turns_about_one_axis_at_a_time_are_mirrored(mirrored):
+    """Each axis has a third of the plateaus, so that a median over all is blind to the one that is wrong."""
+    rng = np.random.default_rng(5)
+    plateaus = [s * rate * axis for axis in np.eye(3) for rate in (0.5, 1.0) for s in (1.0, -1.0)]
+    rate = np.concatenate(
+        [np.concatenate([np.zeros((200, 3)), np.tile(w, (300, 1))]) for w in plateaus]
+    )
+    columns = {
+        "time": np.arange(len(rate)) / RATE,
+        "gyro": rate + 0.01 + 0.002 * rng.standard_normal(rate.shape),
+        "reference_gyro": rate,
+    }
+    assert findings(columns) == []
+    signs = np.array([-1.0 if a in mirrored else 1.0 for a in "xyz"])
+    found = only({**columns, "gyro": signs * columns["gyro"]}, "axes")
+    names = " and ".join(mirrored)
+    assert f"when gyro {names} {'is' if len(mirrored) == 1 else 'are'} mirrored" in found.statement
+    assert dict(found.evidence)["misfit"] < 0.05
+
+
 @pytest.mark.slow
 def test_calibrate_refuses_an_error_and_goes_on_by_force():
     columns = hand()

@@ -66,6 +66,7 @@ from .results import (
     TriadResult as TriadResult,
 )
 from .rounding_in_common import with_common_rounding
+from .wanted_sensors import require_something
 
 
 METHODS = ("gauss-newton", "joint", "paper")
@@ -179,6 +180,7 @@ def _estimated(
     recordings = campaign.recordings
     fixed = None if model is None else fixed_model(model)
     chosen = choose_model(campaign, campaign.recordings) if fixed is None else fixed
+    require_something(campaign, chosen)
     progress("reducing recordings to dwells")
     if as_recorded is not None:
         undisturbed = each_without_disturbances(recordings, as_recorded)

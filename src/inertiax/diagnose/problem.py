@@ -9,7 +9,7 @@ from .._jax import jax
 from ..calibrate.pipeline import calibrate_device
 from ..calibrate.results import DeviceResult, TriadResult
 from ..calibrate.table_error_sizes import table_error_sizes, within_statement
-from ..data.recording import Campaign
+from ..data.recording import Campaign, NOT_CALIBRATED
 from ..effects import CATALOGUE, Effect, Signal, Variant
 from ..model_selection.model_spec import ModelSpec
 from ..numerics.compilation_cache import make_room
@@ -130,6 +130,12 @@ def prepare(
     if noise is not None:
         noise.require(campaign.rig)
     make_room()
+    unwanted = (campaign.model.accel_estimator, campaign.model.gyro_estimator)
+    if unwanted == (NOT_CALIBRATED, NOT_CALIBRATED):
+        raise ValueError(
+            f'[model] accel_estimator and gyro_estimator are "{NOT_CALIBRATED}": nothing is left to diagnose; '
+            "take out that of the triad to be diagnosed."
+        )
     freed = without_interference(campaign, catalogue, model)
     campaign, log, plain, fitted = freed.campaign, freed.log, freed.recorded, freed.fitted
     delays: dict[str, Delay] = {}

@@ -3,7 +3,7 @@
 import dataclasses
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from .evidence import DeviceLogs, Log
 from .thresholds import Thresholds
@@ -68,7 +68,10 @@ def exchange_by_reference(
         size, told = float(np.median(ideal)), len(rows.log) >= 2
         if not 1 / limits.accel_ratio_error < ratio < limits.accel_ratio_error:
             rows = dataclasses.replace(rows, output=rows.output / max(ratio, 1e-300))
-    best, (given, misfit) = _best_exchange(rows, size, limits)
+    # Of rests one may stand otherwise than its reference says; of plateaus one in three may be about the only axis that
+    # is mirrored.
+    about = np.abs(rows.ideal).argmax(axis=1) if triad == "gyro" else np.zeros(len(rows.log), int)
+    best, (given, misfit) = _best_exchange(rows, about, size, limits)
     return ReferenceExchange(rows, ratio, told, best, given, misfit)
 
 
@@ -119,10 +122,13 @@ def left(
 
 
 def _best_exchange(
-    rows: ReferenceRows, size: float, limits: Thresholds
+    rows: ReferenceRows, about: Int[np.ndarray, " row"], size: float, limits: Thresholds
 ) -> tuple[int | None, tuple[float, float]]:
-    """The exchange that explains the outputs; `None` where none does. Costs as given and best, relative."""
-    costs = np.array([np.median(left(rows, p)[1]) for p in PERMUTATIONS]) / size
+    """The exchange that explains the outputs; `None` where none does. Costs as given and best, relative: the median of
+    those rows that are `about` one axis, of the axis that is explained worst."""
+    groups = [about == axis for axis in np.unique(about)]
+    worst = lambda off: max(float(np.median(off[group])) for group in groups)
+    costs = np.array([worst(left(rows, p)[1]) for p in PERMUTATIONS]) / size
     given = float(costs[IDENTITY])
     if given < limits.reference_disagrees:
         return IDENTITY, (given, given)
