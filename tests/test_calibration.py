@@ -165,6 +165,8 @@ BAD_FILES = {
     "parameter unit": (_broken(lambda c: c["gyro"]["units"].__setitem__(0, "deg/s")), "gyro: units are"),
     "parameter name": (_broken(lambda c: c["gyro"]["names"].__setitem__(0, "gyro.bias[7]")),
                        "'gyro.bias\\[7\\]' is not the name of one of its parameters"),
+    "parameter twice": (_broken(lambda c: c["gyro"]["names"].__setitem__(1, "gyro.bias[0]")),
+                        "gyro: 'gyro.bias\\[0\\]' stands twice"),
     "short matrix": (_broken(lambda c: c["gyro"]["covariance"].pop()),
                      "gyro.covariance must have 21 rows of 21 numbers"),
     "basis": (_broken(lambda c: c["gyro"]["basis"].update(kind="fourier")), "basis kind 'fourier' is not known"),

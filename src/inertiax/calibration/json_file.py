@@ -19,7 +19,7 @@ from .barometer import BarometerCalibration
 from .fitted_effects import EffectEntry, from_entry, to_entry
 from .magnetometers import MagnetometerCalibration
 from .pytree import Calibration
-from .triad import is_parameter, refuse_stacked, TriadCalibration, unit_of
+from .triad import is_parameter, refuse_stacked, TriadCalibration, twice, unit_of
 
 
 SCHEMA = "inertiax.calibration/1"
@@ -214,6 +214,11 @@ def _triad_from_json(triad: _Triad, where: str) -> TriadCalibration:
     for name in triad.names:
         if not is_parameter(name) or not name.startswith(where.rsplit(" ", 1)[-1] + "."):
             raise ValueError(f"{where}: {name!r} is not the name of one of its parameters.")
+    again = twice(triad.names)
+    if again is not None:
+        raise ValueError(
+            f"{where}: {again!r} stands twice among its names; each parameter has one."
+        )
     expected = [unit_of(n) for n in triad.names]
     if triad.units != expected:
         raise ValueError(f"{where}: units are {triad.units} but must be {expected}.")

@@ -59,6 +59,11 @@ def refuse_stacked(
         raise ValueError(f"`{call}`: {shapes[0]} devices are stacked; {cure}.")
 
 
+def twice(names: Sequence[str]) -> str | None:
+    """The first name that stood before; `None` where each stands once."""
+    return next((n for k, n in enumerate(names) if n in names[:k]), None)
+
+
 MAPPED = "`jax.vmap` over them, or take one by `ix.unstack(calibration)[k]`"
 
 
@@ -69,7 +74,7 @@ def _on_host(values: object) -> bool:
 class TriadCalibration(Module):
     """One triad's error parameters as curves over temperature, with their covariance.
 
-    Raises `ValueError` for a name that is no parameter's, a matrix that is no covariance, or sizes that do not fit each
+    Raises `ValueError` for a name that is no parameter's or stands twice, a matrix that is no covariance, or sizes that do not fit each
     other.
     """
 
@@ -84,6 +89,9 @@ class TriadCalibration(Module):
     def __check_init__(self):
         for name in self.names:
             slot(name)
+        again = twice(self.names)
+        if again is not None:
+            raise ValueError(f"`TriadCalibration(names=...)`: {again!r} stands twice.")
         coefficients = jnp.shape(self.curve.coefficients)
         if coefficients[-1] != len(self.names):
             raise ValueError(
