@@ -74,8 +74,8 @@ def _on_host(values: object) -> bool:
 class TriadCalibration(Module):
     """One triad's error parameters as curves over temperature, with their covariance.
 
-    Raises `ValueError` for a name that is no parameter's or stands twice, a matrix that is no covariance, or sizes that do not fit each
-    other.
+    Raises `ValueError` for a name that is no parameter's or stands twice, a matrix that is no covariance, or sizes that
+    do not fit each other.
     """
 
     curve: Curve  # parameters over temperature, SI
