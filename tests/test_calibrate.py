@@ -231,7 +231,7 @@ def test_contradictory_models_are_refused(name, recordings):
 def test_a_diagnosis_of_nothing_is_refused(recordings):
     _, made = recordings
     nothing = ModelChoice(accel_estimator="none", gyro_estimator="none")
-    with pytest.raises(ValueError, match="nothing is left to diagnose"):
+    with pytest.raises(ValueError, match="nothing is left to calibrate"):
         diagnose_campaign(Campaign(made, model=nothing))
 
 

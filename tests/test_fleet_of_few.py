@@ -231,3 +231,15 @@ def test_columns_of_magnetometers_in_tables_are_seen(tmp_path):
     for names in (("mag_x", "mag_y", "mag_z"), ("x", "y", "z")):
         pl.DataFrame({n: [0.0] for n in names}).write_parquet(file)
         assert in_tables(campaign, [task], ColumnMap()) == (names[0] == "mag_x")
+
+
+def test_a_fleet_of_which_nothing_is_to_be_calibrated_is_refused_as_one_device_is(tmp_path):
+    _write_hand_log(tmp_path / "line" / "A", FACES)
+    toml = tmp_path / "line" / "A" / "campaign.toml"
+    toml.write_text(toml.read_text() + '[model]\naccel_estimator = "none"\n')
+    told = 'accel_estimator = "none": nothing is left to calibrate'
+    with pytest.raises(ValueError, match=told):
+        calibrate_device(load_campaign(tmp_path / "line" / "A"))
+    with pytest.raises(ValueError, match=told):
+        run_fleet(tmp_path / "line", tmp_path / "run")
+    assert not (tmp_path / "run").exists()

@@ -9,13 +9,15 @@ def require_something(campaign: Campaign, chosen: ChosenModel) -> None:
     """Raises `ValueError` where no sensor is left to be calibrated."""
     if chosen.accel_estimator or chosen.gyro_estimator or has_magnetometers(campaign):
         return
+    raise nothing_left(campaign, "calibrate")
+
+
+def nothing_left(campaign: Campaign, to: str) -> ValueError:
+    """The error that nothing is left `to` do, with the keys of `[model]` by which that is so."""
     where = "[model]" if campaign.path is None else f"{campaign.path}: [model]"
-    asked = [
-        k
-        for k in ("accel", "gyro", "mag")
-        if getattr(campaign.model, f"{k}_estimator") == NOT_CALIBRATED
-    ]
-    keys = " and ".join(f'{k}_estimator = "{NOT_CALIBRATED}"' for k in asked)
-    raise ValueError(
-        f"{where} {keys}: nothing is left to calibrate; take out that of the triad to be calibrated."
+    keys = [f"{k}_estimator" for k in ("accel", "gyro", "mag")]
+    asked = [k for k in keys if getattr(campaign.model, k) == NOT_CALIBRATED]
+    said = " and ".join(f'{k} = "{NOT_CALIBRATED}"' for k in asked)
+    return ValueError(
+        f"{where} {said}: nothing is left to {to}; take out that of the triad to {to}."
     )

@@ -9,7 +9,8 @@ from .._jax import jax
 from ..calibrate.pipeline import calibrate_device
 from ..calibrate.results import DeviceResult, TriadResult
 from ..calibrate.table_error_sizes import table_error_sizes, within_statement
-from ..data.recording import Campaign, NOT_CALIBRATED
+from ..calibrate.wanted_sensors import nothing_left
+from ..data.recording import Campaign
 from ..effects import CATALOGUE, Effect, Signal, Variant
 from ..model_selection.model_spec import ModelSpec
 from ..numerics.compilation_cache import make_room
@@ -130,12 +131,6 @@ def prepare(
     if noise is not None:
         noise.require(campaign.rig)
     make_room()
-    unwanted = (campaign.model.accel_estimator, campaign.model.gyro_estimator)
-    if unwanted == (NOT_CALIBRATED, NOT_CALIBRATED):
-        raise ValueError(
-            f'[model] accel_estimator and gyro_estimator are "{NOT_CALIBRATED}": nothing is left to diagnose; '
-            "take out that of the triad to be diagnosed."
-        )
     freed = without_interference(campaign, catalogue, model)
     campaign, log, plain, fitted = freed.campaign, freed.log, freed.recorded, freed.fitted
     delays: dict[str, Delay] = {}
@@ -154,6 +149,8 @@ def prepare(
         if why is not None and triad == "gyro":
             made = _with_reason(made, why)
         prepared.append(made if noise is None else replace(made, system=noise.inform(made.system)))
+    if not prepared:
+        raise nothing_left(campaign, "diagnose")
     return Problem(campaign, plain, fitted, log, tuple(prepared))
 
 

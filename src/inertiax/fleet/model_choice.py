@@ -9,6 +9,7 @@ import numpy as np
 
 from ..calibrate.between_dwell_variance import with_provisional_scatter
 from ..calibrate.one_triad import estimate_triad, rows_for, with_refined_force
+from ..calibrate.wanted_sensors import nothing_left
 from ..data.recording import Campaign, Recording
 from ..estimators import AbstractEstimator
 from ..model_selection.model_spec import describe, ModelSpec, TriadSpec
@@ -49,11 +50,13 @@ def choose_line_model(
 
     **Arguments:** `trial` are the dwells of these; where there is a `prior` its model is taken.
 
-    Raises `ValueError` where the campaign asks for another model than the prior's.
+    Raises `ValueError` where the campaign asks for another model than the prior's, or leaves nothing to calibrate.
     """
     recording = columns_of(trial[0])
     asked = campaign if prior is None else _as_prior(campaign, prior, recording)
     chosen = _static_for_gravity(campaign, choose_model(asked, [recording]))
+    if chosen.accel_estimator is None and chosen.gyro_estimator is None:
+        raise nothing_left(campaign, "calibrate")
     reasons = list(chosen.reasons)
     temperatures = np.concatenate([np.asarray(d.temperature) for d in trial])
     low, high = float(np.floor(temperatures.min())), float(np.ceil(temperatures.max()))
