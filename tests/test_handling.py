@@ -1,5 +1,7 @@
 """Rests in which the device was knocked, slipped or tilted: found by both triads, left out, counted and said."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -12,6 +14,7 @@ from inertiax.diagnose.observations.blocks import cut, join
 from inertiax.diagnose.observations.model_rows import ModelForm, usable
 from inertiax.reduction.clipping import clipped
 from inertiax.reduction.handling import kept_sentence, left_out_sentence
+from inertiax.reduction.held_rests import variance_by_parts
 from inertiax.reduction.knocks import levels_of, spiked
 from inertiax.reduction.quiet_level import Bursts
 from inertiax.reduction.rest_ends import quiet_part
@@ -30,14 +33,15 @@ REST, MOVE = 800, 200  # rows
 class Hand:
     """Rests in random poses joined by turns, made with SciPy's rotations; `turns[k]` is what rest k does, rad."""
 
-    def __init__(self, rng, rests=12, turns=None):
-        turns = turns or {}
+    def __init__(self, rng, rests=12, turns=None, poses=None):
+        turns, poses = turns or {}, poses or {}
         attitude, position = [], []
-        pose = Rotation.random(None, rng)
+        pose = poses[0] if poses else Rotation.random(None, rng)
         for k in range(rests):
             own = turns.get(k, np.zeros((REST, 3)))
             rest = pose * Rotation.from_rotvec(own)
             following = Rotation.random(None, rng)
+            following = poses.get(k + 1, following)
             between = (rest[-1].inv() * following).as_rotvec()
             share = 0.5 - 0.5 * np.cos(np.pi * (np.arange(MOVE) + 1) / MOVE)
             attitude += [rest, rest[-1] * Rotation.from_rotvec(share[:, None] * between)]
@@ -159,7 +163,9 @@ def test_a_rest_held_by_hand_counts_for_the_magnitude_of_the_force_alone():
     recording = hand.recording(labelled=False)
     left = segment(recording)
     assert [d.kind for d in left.disturbances] == ["held"] and left.num_segments == 11
-    again = segment(recording, held=True).without_held()  # what the calibration is given
+    kept = segment(recording, held=True)
+    assert [d.force_kept for d in (*left.disturbances, *kept.disturbances)] == [False, True]
+    again = kept.without_held()  # what gyros and magnetometers are calibrated by
     for name in ("start", "stop", "position", "used"):
         np.testing.assert_array_equal(getattr(again, name), getattr(left, name))
     log = join(hand.campaign(labelled=False))
@@ -172,6 +178,61 @@ def test_a_rest_held_by_hand_counts_for_the_magnitude_of_the_force_alone():
     form = lambda triad, estimator: ModelForm(triad, estimator, 0, (), 0.0, 1.0, G)
     assert usable(form("accel", "invariant"), blocks).all()
     assert not usable(form("gyro", "static"), blocks)[blocks.held].any()
+
+
+def test_a_direction_that_a_hand_held_alone_is_not_lost_to_the_accelerometers():
+    """The one rest at -z trembles by 1 mrad: its |a| is as good as any other's, and nothing else tells that bias.
+
+    The gyros' rests and the motions between them are those without that rest.
+    """
+    tremor = 1e-3 * np.sin(2 * np.pi * 3.0 * np.arange(REST) / RATE)[:, None] * [0.6, -0.6, 0.5]
+    poses = {k: r for k, r in enumerate(Rotation.random(12, np.random.default_rng(3)))}
+    up = np.array([r.inv().apply([0.0, 0.0, 1.0]) for r in poses.values()])
+    for k in np.flatnonzero(up[:, 2] < 0.1):  # but for one, no rest has its z axis down
+        poses[k] = poses[k] * Rotation.from_rotvec([np.pi, 0.0, 0.0])
+    poses[5] = Rotation.from_rotvec([np.pi, 0.0, 0.0])
+    hand = Hand(np.random.default_rng(11), turns={5: tremor}, poses=poses)
+    bias = np.array([0.05, -0.08, 0.12])
+    hand.accel += bias
+    campaign = hand.campaign(labelled=False)
+    campaign = replace(campaign, model=replace(campaign.model, gyro_estimator="gravity"))
+    (result,) = calibrate(campaign)
+    assert result.accel.dwells.num_dwells == 12
+    assert any("counts for the accelerometers' |a| alone" in c for c in result.choices)
+    assert not any("left out" in c for c in result.choices if c.startswith("Handling"))
+    found = result.calibration.accel
+    sigma = np.sqrt(np.diag(found.covariance))[:3]
+    error = np.asarray(found.curve.coefficients)[0, :3] - bias
+    assert np.all(np.abs(error) < 4.0 * sigma)
+
+    segments = tuple(s.without_held() for s in result.segments)
+    without = calibrate_device(campaign, segments=segments)
+    lost = np.sqrt(np.diag(without.calibration.accel.covariance))[2]
+    assert sigma[2] < lost / 3.0
+    for of in (lambda d: d.rows[:, :3], lambda d: d.gyro, lambda d: d.gyro_covariance):
+        np.testing.assert_allclose(
+            of(result.gyro.dwells), of(without.gyro.dwells), rtol=1e-12, atol=1e-15
+        )
+    again = calibrate_device(campaign, segments=result.segments)
+    assert np.array_equal(found.covariance, again.calibration.accel.covariance)
+
+
+def test_the_variance_of_a_rest_by_its_parts_is_that_of_its_mean():
+    """White noise, whose mean's variance is known, and a tremor of half the rest, whose samples say too little."""
+    rng = np.random.default_rng(8)
+    start = 800 * np.arange(400)
+    white = rng.standard_normal((320_000, 3))
+    found = variance_by_parts(white, start, start + 800)
+    # Each is χ²₇/7 of 1/800, whose variance is 2/7: of 1200 of them the mean is within 4 sigma.
+    assert abs(found.mean() * 800.0 - 1.0) < 4.0 * np.sqrt(2.0 / 7.0 / 1200.0)
+    phase = rng.uniform(0.0, 2.0 * np.pi, 400)
+    slow = np.sin(2.0 * np.pi * np.arange(800) / 1600.0 + phase[:, None]).reshape(-1, 1) * np.ones(
+        3
+    )
+    means = np.square(slow.reshape(400, 800, 3).mean(axis=1)).mean()
+    assert variance_by_parts(slow, start, start + 800).mean() > 50.0 * 0.5 / 800.0
+    assert means > 0.1  # and even that is less than what half a period does to a mean
+    assert not variance_by_parts(white, np.array([5]), np.array([20])).any()
 
 
 def test_what_only_one_triad_shows_is_no_handling():

@@ -13,7 +13,7 @@ from ..data.recording import Campaign, NOT_CALIBRATED, Rig
 from ..estimators.magnetic_field import VERTICAL
 from ..model_selection.select_model import ChosenModel, require_known
 from ..physics.temperature import Curve
-from ..reduction.dwells import Dwells
+from ..reduction.dwells import Dwells, without_held
 from ..reduction.field_rows import field_rows
 from ..reduction.segments import Segments
 from .magnetometers import calibrate_magnetometers
@@ -58,8 +58,11 @@ def calibrate_mag(
     known = all(r.temperature is not None for r in campaign.recordings)
     degree = campaign.model.temperature_degree if known else None
     try:
-        shown = _with_vertical(chosen, accel, dwells)
-        rows = field_rows(campaign.recordings, shown, _at_rest(segments))
+        # A hand that holds a device moves its field.
+        shown = _with_vertical(chosen, accel, None if dwells is None else without_held(dwells))
+        rows = field_rows(
+            campaign.recordings, shown, _at_rest([s.without_held() for s in segments])
+        )
         found = calibrate_magnetometers(
             rows,
             field=campaign.site.magnetic_field,

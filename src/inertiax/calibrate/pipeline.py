@@ -36,9 +36,9 @@ from ..plausibility.settled_rests import without_settled_rests
 from ..plausibility.stated_rates import ramps_sentence
 from ..reduction.device_segments import of_one_device
 from ..reduction.dwell_means import reduce_to_dwells
-from ..reduction.dwells import Dwells
+from ..reduction.dwells import Dwells, without_held
 from ..reduction.earth_at_rest import without_earth_rate
-from ..reduction.handling import kept_sentence, left_out_sentence
+from ..reduction.handling import handling_words, kept_sentence, with_force_counted
 from ..reduction.known_moves import move_words, take_moves
 from ..reduction.rig_errors import rate_words, table_words, with_rig_errors
 from ..reduction.rotations_between_rests import with_motions
@@ -183,12 +183,10 @@ def _estimated(
     require_something(campaign, chosen)
     progress("reducing recordings to dwells")
     if as_recorded is not None:
-        undisturbed = each_without_disturbances(recordings, as_recorded)
+        undisturbed = each_without_disturbances(recordings, as_recorded, held=True)
         segments = of_one_device(recordings, undisturbed, moves=take_moves(campaign.model))
     assert segments is not None  # given, or just found
-    segments = tuple(segments)
-    seen(segments)
-    handling = tuple(d for s in segments for d in s.disturbances)
+    seen(segments := tuple(segments))
     try:
         dwells = reduce_to_dwells(campaign.recordings, segments=segments)
     except ValueError as error:
@@ -206,7 +204,9 @@ def _estimated(
     warning = None
     if chosen.accel_estimator is not None:
         chosen, warning = settle_accel(campaign, chosen, dwells)
-    choices = [*chosen.reasons, *(s for s in [left_out_sentence(handling)] if s)]
+    handling = tuple(d for s in segments for d in s.disturbances)
+    handling = with_force_counted(handling, chosen.accel_estimator == "invariant")
+    choices = [*chosen.reasons, *handling_words(handling)]
     ramps = sum(s.ramps for s in segments)
     choices += [f"plateaus: {ramps_sentence(ramps)}"] if ramps else []
     choices += move_words(recordings, segments) if chosen.gyro_estimator == "reference" else ()
@@ -341,7 +341,7 @@ def _together(
     estimator = JointImu(
         first, second, lever_arms=chosen.lever_arms, misalignment=chosen.misalignment
     )
-    used = raw
+    used = without_held(raw)
     if chosen.gyro_estimator == "gravity":
         force = _raw_force if chosen.g_sensitivity else None
         used = with_motions(campaign.recordings, raw, force=force).dwells

@@ -16,7 +16,13 @@ from ..data.recording import Campaign, Recording, Site
 from ..effects import CATALOGUE, Effect, Signal
 from ..numerics.blas_threads import one_blas_thread
 from ..plausibility import require_plausible
-from ..reduction.handling import Disturbance, kept_sentence, left_out_sentence
+from ..reduction.handling import (
+    Disturbance,
+    held_sentence,
+    kept_sentence,
+    left_out_sentence,
+    with_force_counted,
+)
 from .candidates.empirical import PREFIX
 from .candidates.signatures import Term
 from .contradicted_gyros import contradicted, unnamed, with_contradiction
@@ -60,7 +66,6 @@ from .wording.untold_channels import not_applied
 
 
 DEFAULT_SITE = Site()
-HELD_KEPT = "Rests held by hand are kept in the accelerometers' |a|, which a turn does not change."
 
 
 @one_blas_thread()
@@ -311,7 +316,7 @@ def conclude_findings(
         noise_sentence(doubtful),
         left_out_sentence(handling),
         kept_sentence(handling),
-        HELD_KEPT if any(f.prepared.blocks.held.any() for f in findings) else None,
+        held_sentence(handling),
     )
     diagnosis = Diagnosis(
         verdict=verdict,
@@ -359,6 +364,7 @@ def _handling(findings: Sequence[Finding]) -> tuple[Disturbance, ...]:
     """What was left out of the rests: of all triads alike, and the rests that stood out alone in one."""
     logs = [f.prepared.log for f in findings if f.prepared.log is not None]
     common = logs[0].segments.disturbances if logs else ()
+    common = with_force_counted(common, any(f.prepared.form.by_magnitude for f in findings))
     return (*common, *dict.fromkeys(d for f in findings for d in f.left_out))
 
 

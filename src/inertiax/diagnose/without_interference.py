@@ -74,8 +74,7 @@ def _calibrated(campaign: Campaign, model: ModelSpec | None) -> tuple[Log, Devic
     found = segment_each(campaign.recordings, held=True)
     log = join(campaign, found=found)
     numbered = of_one_device(campaign.recordings, found, moves=take_moves(campaign.model))
-    segments = tuple(s.without_held() for s in numbered)
-    return log, calibrate_device(campaign, checked=True, model=model, segments=segments)
+    return log, calibrate_device(campaign, checked=True, model=model, segments=numbered)
 
 
 def _sought(log: Log, fitted: DeviceResult) -> dict[str, Sought]:

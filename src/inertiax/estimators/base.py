@@ -83,11 +83,15 @@ class AbstractEstimator(eqx.Module, Generic[Errors]):
         """The dwells with `valid` only where this estimator may read them, one device's or many's, traced or not.
 
         At a constant rate (`position` −1) lever arms add centripetal force and the axes turn through gravity, so that
-        only an estimator with a reference for the motion uses those rows; the others use rests.
+        only an estimator with a reference for the motion uses those rows; the others use rests. A hand that holds a
+        device turns it and pushes it nowhere for long: of rests that are `held` only the magnitude of the force counts.
         """
-        if cls.by_reference:
+        by_hand = None if cls.by_magnitude else dwells.held
+        if cls.by_reference and by_hand is None:
             return dwells
-        return eqx.tree_at(lambda d: d.valid, dwells, dwells.valid & (dwells.position >= 0))
+        valid = dwells.valid if cls.by_reference else dwells.valid & (dwells.position >= 0)
+        valid = valid if by_hand is None else valid & ~by_hand
+        return eqx.tree_at(lambda d: d.valid, dwells, valid)
 
     @property
     def num_parameters(self) -> int:

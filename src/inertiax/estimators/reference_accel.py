@@ -57,6 +57,7 @@ class ReferenceAccel(AccelEstimator):
     @classmethod
     def usable(cls, dwells: Dwells) -> Dwells:
         """The dwells whose force the plan tells."""
+        dwells = super().usable(dwells)
         if dwells.reference_accel is None:
             return dwells
         told = is_told(dwells.reference_accel)

@@ -13,6 +13,7 @@ from ..data.stored_recording import StoredRecording
 from ..numerics.side_by_side import side_by_side
 from .device_segments import segment_all
 from .dwells import Dwells, is_told
+from .held_rests import variance_by_parts
 from .host_stamps import remark
 from .manual_turns import turned_by_hand, with_known_angles
 from .mean_covariance import covariances_of_means
@@ -23,7 +24,7 @@ from .turning_hand import less_turning
 
 
 # Which dwells' scatter is pooled: that of plateaus (0), of rests (1), and these.
-UNTOLD, MOVE = 2, 3
+UNTOLD, MOVE, HELD = 2, 3, 4
 
 
 def reduce_to_dwells(
@@ -46,7 +47,8 @@ def reduce_to_dwells(
 
     Experiments without a column are numbered by recording. At a plateau (position −1) the
     accelerometers turn through gravity: their mean is right for linear terms such as
-    g-sensitivity, their covariance large, and the invariant estimator has no use for them.
+    g-sensitivity, their covariance large, and the invariant estimator has no use for them. Rests that a hand held are
+    one dwell each, marked in `held`, and count for |a| alone (`AbstractEstimator.usable`).
 
     **Returns** one row per block in order of time within each recording, as NumPy arrays. For the
     covariances see `mean_covariance.covariances_of_means`: they hold what the scatter within a dwell
@@ -61,7 +63,7 @@ def reduce_to_dwells(
         if value is not None and not value > 0:
             raise ValueError(f"`reduce_to_dwells({name}=...)` must be positive; got {value}.")
     labels = _experiments(recordings)
-    found = segment_all(recordings, window=window) if segments is None else segments
+    found = segment_all(recordings, window=window, held=True) if segments is None else segments
     parts = [
         _blocks(recording, part, experiment, longest, temperature_step)
         for recording, part, experiment in zip(recordings, found, labels, strict=True)
@@ -130,6 +132,7 @@ class _Blocks(Module):
     used: Bool[np.ndarray, " time"]
     turning: float | None  # m/s², see `Segments`
     move: Bool[np.ndarray, " block"]
+    held: Bool[np.ndarray, " block"]  # by hand
 
     @property
     def counts(self) -> Int[np.ndarray, " block"]:
@@ -153,7 +156,8 @@ def _blocks(
     if temperature_step is not None and recording.temperature is not None:
         by_temperature = _pieces_by_temperature(recording, segments, temperature_step)
         pieces = np.maximum(pieces, by_temperature)
-    pieces = np.where(segments.known_moves, 1, np.minimum(pieces, counts))
+    whole = segments.known_moves | segments.held_by_hand
+    pieces = np.where(whole, 1, np.minimum(pieces, counts))
     owner = np.repeat(np.arange(len(counts)), pieces)
     within = np.arange(len(owner)) - np.repeat(np.cumsum(pieces) - pieces, pieces)
     start = segments.start[owner] + within * counts[owner] // pieces[owner]
@@ -162,9 +166,9 @@ def _blocks(
     filled = total[stop] > total[start]  # a piece may be disturbed from end to end
     start, stop, owner = start[filled], stop[filled], owner[filled]
     where = segments.position[owner]
-    move = segments.known_moves[owner]
+    move, held = segments.known_moves[owner], segments.held_by_hand[owner]
     return _Blocks(
-        start, stop, owner, where, experiment[start], segments.used, segments.turning, move
+        start, stop, owner, where, experiment[start], segments.used, segments.turning, move, held
     )
 
 
@@ -207,7 +211,8 @@ def _means(recordings: Sequence[Recording], parts: list[_Blocks]) -> Dwells:
     move, force = np.concatenate([p.move for p in parts]), mean("reference_accel")
     if force is not None:  # of a point beside the axes only plateaus tell the force
         force = np.where(move[:, None], 0.0, force)
-    kind = np.where(move, MOVE, position >= 0)
+    held = np.concatenate([p.held for p in parts])
+    kind = np.where(move, MOVE, np.where(held, HELD, position >= 0))
     return Dwells(
         time=time,
         duration=counts * step,
@@ -217,13 +222,18 @@ def _means(recordings: Sequence[Recording], parts: list[_Blocks]) -> Dwells:
         position=position,
         valid=np.ones(len(counts), bool),
         accel=mean("accel"),
-        accel_covariance=_with_turning(parts, _covariances(found, "accel", kind, counts * step)),
+        accel_covariance=_with_turning(
+            parts, _with_parts(pairs, "accel", _covariances(found, "accel", kind, counts * step))
+        ),
         gyro=mean("gyro"),
-        gyro_covariance=_covariances(found, "gyro", kind, counts * step),
+        gyro_covariance=_with_parts(
+            pairs, "gyro", _covariances(found, "gyro", kind, counts * step)
+        ),
         reference_accel=force,
         reference_gyro=mean("reference_gyro"),
         rows=_ranges(parts),
         move=move if move.any() else None,
+        held=held if held.any() else None,
     )
 
 
@@ -236,6 +246,26 @@ def _with_turning(
     own = [np.full(len(p.start), np.nan if p.turning is None else p.turning) for p in parts]
     sigma = np.concatenate(own)[:, None, None]
     return np.where(np.isnan(sigma), covariance, sigma**2 * np.eye(3))
+
+
+def _with_parts(
+    pairs: Sequence[tuple[Recording, _Blocks]],
+    triad: Literal["accel", "gyro"],
+    covariance: Float[np.ndarray, "dwell 3 3"] | None,
+) -> Float[np.ndarray, "dwell 3 3"] | None:
+    """The covariances, of rests held by hand at least the variances that their parts show."""
+    if covariance is None or not any(part.held.any() for _, part in pairs):
+        return covariance
+    of_parts = np.zeros((len(covariance), 3))
+    ends = np.cumsum([len(part.start) for _, part in pairs])
+    for (recording, part), end in zip(pairs, ends, strict=True):
+        held = np.flatnonzero(part.held)
+        rows = end - len(part.start) + held
+        of_parts[rows] = variance_by_parts(
+            getattr(recording, triad), part.start[held], part.stop[held]
+        )
+    missing = np.maximum(of_parts - np.diagonal(covariance, axis1=1, axis2=2), 0.0)
+    return covariance + missing[:, :, None] * np.eye(3)
 
 
 def _ranges(parts: list[_Blocks]) -> Int[np.ndarray, "dwell 4"]:

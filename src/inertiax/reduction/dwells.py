@@ -71,6 +71,8 @@ class Dwells(eqx.Module):
     table_gyro: Float[AnyArray, "*dwell 3 error"] | None = None  # rad/s
     # Of a positioning's variance, the part that axes have which stand through several; not in the covariances.
     standing_part: Float[AnyArray, " *dwell"] | None = None
+    # Rests that a hand held, if there are any: it turns a device, and pushes it nowhere for long, so |a| alone counts.
+    held: Bool[AnyArray, " *dwell"] | None = None
 
     def __check_init__(self):
         shape = jnp.shape(self.time)
@@ -139,6 +141,14 @@ class Dwells(eqx.Module):
     def __getitem__(self, rows: slice | int | np.ndarray) -> "Dwells":
         """The same columns, only those dwells."""
         return jax.tree.map(lambda x: x[rows], self)
+
+
+def without_held(dwells: Dwells) -> Dwells:
+    """The dwells without the rests that a hand held."""
+    if dwells.held is None:
+        return dwells
+    kept = eqx.tree_at(lambda d: d.held, dwells, None)
+    return kept[np.flatnonzero(~np.asarray(dwells.held))]
 
 
 def is_told(reference_accel: Float[AnyArray, "*dwell 3"]) -> Bool[AnyArray, " *dwell"]:

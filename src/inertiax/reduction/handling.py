@@ -56,6 +56,8 @@ class Disturbance(Module):
     position: int = field(static=True)  # of the rest
     # False: kept, since it is so in most rests
     left_out: bool = field(static=True, default=True)
+    # True: left out of all but |a|, which a hand that holds the device does not change
+    force_kept: bool = field(static=True, default=False)
 
     def as_dict(self) -> dict:
         """The entry of a result's `handling`."""
@@ -284,11 +286,37 @@ NOUNS = {
 }
 
 
+def with_force_kept(
+    found: Sequence[Disturbance], positions: Int[np.ndarray, " rest"]
+) -> tuple[Disturbance, ...]:
+    """The same with the rests at some positions that a hand held kept for the magnitude of the force."""
+    kept = set(positions.tolist())
+    return tuple(replace(d, force_kept=d.kind == "held" and d.position in kept) for d in found)
+
+
+def with_force_counted(found: Sequence[Disturbance], counts: bool) -> tuple[Disturbance, ...]:
+    """The same where the magnitude of the force `counts`, or where none of it does, as against a reference."""
+    return tuple(replace(d, force_kept=d.force_kept and counts) for d in found)
+
+
+def handling_words(found: Sequence[Disturbance]) -> list[str]:
+    """What was left out of the rests, and which count for the magnitude of the force alone: a sentence each."""
+    return [s for s in (left_out_sentence(found), held_sentence(found)) if s is not None]
+
+
+def held_sentence(found: Sequence[Disturbance]) -> str | None:
+    """Which rests count for the magnitude of the force alone, in one sentence; `None` where none does."""
+    held = [d for d in found if d.force_kept]
+    if not held:
+        return None
+    count = f"{_counted(held)}, {_seconds(held)}, {'count' if len(held) > 1 else 'counts'}"
+    return f"Handling: {count} for the accelerometers' |a| alone, which a turn does not change."
+
+
 def left_out_sentence(found: Sequence[Disturbance]) -> str | None:
     """What was left out of the rests, in one sentence; `None` where nothing was."""
-    out = [d for d in found if d.left_out]
-    seconds = sum(d.end - d.start for d in out)
-    return f"Handling: {_counted(out)} left out, {seconds:.3g} s of rest in all." if out else None
+    out = [d for d in found if d.left_out and not d.force_kept]
+    return f"Handling: {_counted(out)} left out, {_seconds(out)} of rest in all." if out else None
 
 
 def kept_sentence(found: Sequence[Disturbance]) -> str | None:
@@ -300,6 +328,10 @@ def kept_sentence(found: Sequence[Disturbance]) -> str | None:
         f"Handling: {_counted(kept)} kept, since too few rests are left without; the uncertainties do not hold "
         "that, so let the device lie untouched and record it again."
     )
+
+
+def _seconds(found: Sequence[Disturbance]) -> str:
+    return f"{sum(d.end - d.start for d in found):.3g} s"
 
 
 def _counted(found: Sequence[Disturbance]) -> str:

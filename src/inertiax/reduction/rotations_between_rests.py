@@ -12,7 +12,7 @@ from ..numerics.paule_mandel import excess_deviation
 from ..physics.vectors import angle_between, unit_vector
 from .clipping import clipped_rows
 from .contradicted_motions import ANY_GYRO, Contradiction, contradiction
-from .dwells import Dwells
+from .dwells import Dwells, without_held
 from .missed_turns import missed
 from .motion_clock import motion_clock, MotionClock, step_angles, Turn
 from .motions import Motions
@@ -66,7 +66,8 @@ def with_motions(
     **Arguments:**
 
     - `dwells`: all that `reduce_to_dwells(recordings)` gave, in its order, with
-      accelerometer means that have been compensated (and covariances that say how well).
+      accelerometer means that have been compensated (and covariances that say how well). Rests that a hand held are
+      parts of motions.
     - `force`: gives the compensated specific force of every sample of a recording, m/s² (time, 3); needed
       for g-sensitivity alone.
 
@@ -86,6 +87,7 @@ def with_motions(
             f"`with_motions(recordings, dwells)`: gravity's rotation needs both triads, but there are "
             f"no {absent} columns; use the gyro estimator 'static'."
         )
+    dwells = without_held(dwells)
     found = _rows_of(recordings, dwells)
     resting = np.flatnonzero(np.asarray(dwells.position) >= 0)
     rests = [found[k] for k in resting]

@@ -17,7 +17,7 @@ from ..numerics.side_by_side import side_by_side
 from ..physics.directions import FEWEST_DIRECTIONS, num_directions
 from ..physics.vectors import angle_between
 from ..physics.wgs84 import EARTH_RATE
-from .handling import Disturbance, undisturbed
+from .handling import Disturbance, undisturbed, with_force_kept
 from .plateaus import (
     and_beside,
     plateaus,
@@ -33,11 +33,8 @@ from .rests import find_rests, PAUSE, Rests, usual_step
 from .slow_turn import slow_turn
 
 
-_LYING = np.radians(
-    3.0
-)  # from a rest's first half to its second; a hand that holds still creeps by 1°
-
-
+# From a rest's first half to its second; a hand that holds still creeps by 1°.
+_LYING = np.radians(3.0)
 _MORE = 1.25  # times as many rests, from which brief ones count (convention)
 _SEVERAL = 4.0  # times as many brief rests as of long ones in too few directions (convention)
 _CLEAR = 10.0  # thresholds, highest to lowest, that find the same rests held by hand (convention)
@@ -158,7 +155,7 @@ def without_disturbances(recording: Recording, found: Segments, *, held: bool = 
         np.append(a, b[len(rests) :]) for a, b in ((start, kept.start), (stop, kept.stop))
     )
     position = np.append(found.position, kept.position[len(rests) :])
-    used = kept.used.copy()
+    used, disturbances = kept.used.copy(), kept.disturbances
     marked = np.zeros(len(start), bool)
     if held:
         gone = {d.position for d in kept.disturbances if d.kind == "held" and d.left_out}
@@ -170,6 +167,7 @@ def without_disturbances(recording: Recording, found: Segments, *, held: bool = 
             found.stop[marked[: len(found.start)]],
         )
         used[_inside(start[marked], stop[marked], recording.num_samples)] = True
+        disturbances = with_force_kept(disturbances, found.position[marked[: len(found.start)]])
     order = np.argsort(start, kind="stable")
     order = order[start[order] < stop[order]]
     start, stop, marked = start[order], stop[order], marked[order]
@@ -178,7 +176,7 @@ def without_disturbances(recording: Recording, found: Segments, *, held: bool = 
         stop,
         position[order],
         _inside(start, stop, recording.num_samples) & used,
-        kept.disturbances,
+        disturbances,
         found.threshold,
         found.statement,
         held=marked if held else None,
@@ -199,11 +197,11 @@ def segment_each(
 
 
 def each_without_disturbances(
-    recordings: Sequence[Recording], found: Sequence[Segments]
+    recordings: Sequence[Recording], found: Sequence[Segments], *, held: bool = False
 ) -> list[Segments]:
     """`without_disturbances` of each recording, of long ones side by side."""
     pairs, rows = zip(recordings, found, strict=True), sum(r.num_samples for r in recordings)
-    return side_by_side(lambda pair: without_disturbances(*pair), pairs, rows=rows)
+    return side_by_side(lambda pair: without_disturbances(*pair, held=held), pairs, rows=rows)
 
 
 def joined(segments: Sequence[Segments]) -> Segments:

@@ -17,6 +17,7 @@ from ...physics.wgs84 import EARTH_RATE as EARTH_RATE
 from ...reduction.block_length import length_beyond_tremor
 from ...reduction.device_segments import of_one_device
 from ...reduction.dwells import is_told
+from ...reduction.held_rests import variance_by_parts
 from ...reduction.known_moves import take_moves
 from ...reduction.positionings import attitudes
 from ...reduction.segments import joined, rests_are_searched, segment_each, Segments
@@ -29,7 +30,6 @@ FEWEST_SAMPLES = 4  # in a block
 # Times the usual variance of a dwell, on every axis, from which it is shaken: an amplitude of ten. Steps of a converter
 # make variances of quiet dwells differ by less, and not on all axes at once. Convention.
 SHAKEN = 100.0
-PARTS = 8  # of a rest held by hand, whose scatter is that of its mean: a tremor is slower than the samples
 
 
 class Log(eqx.Module):
@@ -360,10 +360,9 @@ def _white(
         pooled[move] = np.median(pooled[kind == 0], axis=0)
     floor = 1e-30 + 1e-12 * pooled.max()
     white = np.maximum(pooled, floor) / count[:, None]
-    for k in np.flatnonzero(held & (count >= 2 * PARTS)):
-        edges = np.linspace(start[k], stop[k], PARTS + 1).astype(int)
-        parts = block_mean(values, edges[:-1], edges[1:])
-        white[k] = np.maximum(white[k], parts.var(axis=0, ddof=1) / PARTS)
+    by_hand = np.flatnonzero(held)
+    of_parts = variance_by_parts(values, start[by_hand], stop[by_hand])
+    white[by_hand] = np.maximum(white[by_hand], of_parts)
     return white
 
 
