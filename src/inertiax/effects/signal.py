@@ -29,6 +29,8 @@ class Signal(Module):
     temperature_rate: Float[AnyArray, " time"] | None = None  # °C/s
     force: Float[AnyArray, "time 3"] | None = None  # g
     rate: Float[AnyArray, "time 3"] | None = None  # rad/s
+    # rad/s², where it is not that of `rate` from row to row: a reference may jump at the ends of a plateau
+    rate_change: Float[AnyArray, "time 3"] | None = None
     room: Float[AnyArray, "time 3 3"] | None = None  # columns: the room's axes seen by the device
     upright: bool = field(static=True, default=False)  # whether the last of those axes is up
     oriented: bool = field(static=True, default=False)  # whether they are north, west and up

@@ -15,7 +15,9 @@ from .signal import Signal
 def shape(signal: Signal) -> Float[AnyArray, "time channels columns"]:
     """ω × (ω × r) + dω/dt × r along each element's axis for the three components of the lever arm r, m/s² per m."""
     w = xp.asarray(signal.rate)
-    return _rows(w, gradient(w, signal.time), signal.axes)
+    known = signal.rate_change
+    change = gradient(w, signal.time) if known is None else xp.asarray(known)
+    return _rows(w, change, signal.axes)
 
 
 def _rows(

@@ -11,9 +11,10 @@ from ..._typing import AnyArray, Scalar
 from ...effects import arrays as xp, Signal
 from ...effects.effect import chebyshev
 from ...numerics.local_parabola import local_parabola
+from ...reduction.dwells import is_told
 from .attitude import attitude
 from .blocks import block_mean, Blocks, EARTH_RATE, Log
-from .model_rows import Baseline, CalibratedTriad, compensated
+from .model_rows import Baseline, CalibratedTriad, compensated, ModelForm
 from .vertical import upright_axis
 
 
@@ -22,6 +23,7 @@ _ROUNDING = 1e-12  # of a temperature: some thousand units in its last place
 # Part of a plateau's root mean square force that its mean has where the force stands in the case: cos 6°, where it
 # turns at 6° to the axis.
 _STANDS = 0.995
+_TOLD = 30.0  # condition of the rests' design up to which they tell the axes (convention)
 
 
 class AtTemperature(eqx.Module):
@@ -253,6 +255,44 @@ def _resolution(values: np.ndarray) -> np.ndarray:
     return np.array(steps)
 
 
+def axes_at_rest(
+    blocks: Blocks, form: ModelForm, axes: Float[np.ndarray, "3 3"]
+) -> Float[np.ndarray, "3 3"]:
+    """E + Γ of accelerometers by the rests alone, where those tell it; else the `axes` of all rows.
+
+    Lever arms bend the calibration by all rows at rates, by a tenth of what they add there, and what they add is seen
+    along the elements' axes.
+    """
+    if form.triad != "accel" or not form.by_reference or blocks.accel is None:
+        return axes
+    rest = ~blocks.moving & ~blocks.held
+    force = blocks.reference_accel
+    if force is None or rest.all() or not np.any(force[rest]):
+        return axes
+    rest &= is_told(force)
+    temperature = None if blocks.temperature is None else blocks.temperature[rest]
+    design = np.column_stack([force[rest], form.basis(temperature, int(rest.sum()))])
+    scale = np.linalg.norm(design, axis=0)
+    if len(design) <= design.shape[1] or np.linalg.cond(design / scale) > _TOLD:
+        return axes
+    return np.linalg.lstsq(design, blocks.accel[rest], rcond=None)[0][:3].T
+
+
+def change_of_rate(log: Log, rate: Float[np.ndarray, "time 3"]) -> Float[np.ndarray, "time 3"]:
+    """Derivative of the reference rate, rad/s², recording by recording; of a rest or plateau by its own rows alone.
+
+    A station may write zeros while its table speeds up: at the ends of a plateau the reference then jumps within one
+    row, by 250 rad/s² at 5 rad/s and 50 Hz, where the table turned steadily.
+    """
+    made = np.zeros_like(rate)
+    recordings = np.flatnonzero(np.diff(log.recording, prepend=-1, append=-1))
+    plain = list(zip(recordings[:-1], recordings[1:], strict=True))
+    for a, b in (*plain, *zip(log.segments.start, log.segments.stop, strict=True)):
+        if b - a > 2:
+            made[a:b] = np.gradient(rate[a:b], log.time[a:b], axis=0)
+    return made
+
+
 def by_axis(values: np.ndarray) -> np.ndarray:
     """The same values, each axis's rows next to each other in memory: along rows of three numbers NumPy takes several
     times as long."""
@@ -285,11 +325,12 @@ def build(log: Log, blocks: Blocks, base: Baseline, force: np.ndarray | None) ->
         since_start=since_start, since_move=since_move, move=by_axis(_moves(given, blocks, len(log.time))),
         at_rest=log.position >= 0, temperature=temperature, temperature_rate=rate_t,
         force=None if force is None else by_axis(force), rate=None if rate is None else by_axis(rate),
+        rate_change=None if rate is None else by_axis(change_of_rate(log, rate)),
         room=None if room is None else by_axis(room), supply=log.supply,
         vibration=_vibration(log, blocks, form.gravity), resolution=_resolution(output),
         scatter=np.sqrt(white.mean(axis=0)),
         at_temperature=None if temperature is None or form.degree == 0 else model,
-        axes=model.matrix[:, :, 0],
+        axes=axes_at_rest(blocks, form, model.matrix[:, :, 0]),
         expected=np.asarray(model(np.zeros(len(log.time)) if temperature is None else temperature)),
         degree=form.degree, low=form.low, high=form.high, upright=upright, oriented=oriented,
     )  # fmt: skip

@@ -285,6 +285,7 @@ def _signal(
         temperature_rate=None if span is None else _heating(dwells),
         force=force,
         rate=rate,
+        rate_change=None if rate is None else np.zeros_like(rate),  # a dwell's is constant
         degree=basis.size - 1,
         low=low,
         high=high,
