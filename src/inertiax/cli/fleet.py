@@ -9,7 +9,7 @@ import typer
 
 from . import console, environment, inputs_kept, next_step, outputs
 from .calibrate import command_line
-from .options import AsJson, CampaignPath, OutputFolder, Quiet
+from .options import AsJson, CampaignPath, Force, OutputFolder, Quiet
 
 
 if TYPE_CHECKING:
@@ -80,6 +80,7 @@ def fleet(
             "with more; it costs up to 0.3 µg and 0.3 ppm.",
         ),
     ] = Precision.FLOAT64,
+    force: Force = False,
     device: Annotated[
         str | None,
         typer.Option(
@@ -114,7 +115,7 @@ def fleet(
         with console.Counter("devices' tasks", quiet=quiet) as counter:
             summary = run_fleet(
                 campaign, output, workers=workers, scheduler=scheduler, prior=known, explain=explain,
-                precision=precision.value, progress=counter,
+                precision=precision.value, force=force, progress=counter,
             )  # fmt: skip
         with console.Stages(quiet=quiet) as stages:
             stages("writing the report")
@@ -199,6 +200,7 @@ def _tell(
 ) -> None:
     from ..fleet import read_line_file
     from ..fleet.magnetometers import LEFT_OUT
+    from ..fleet.population.unit_covariance import FEWEST
     from ..report.fleet import fit_sentence, odd_sentence
     from ..report.fleet_drift import drift_sentence
     from ..report.fleet_mismatch import too_few_to_explain
@@ -219,6 +221,10 @@ def _tell(
             console.say(f"  {count} × {reason}")
         if summary.calibrated:
             console.say(fit_sentence(dict(summary.fits), page.reserved))
+        if 0 < summary.calibrated < FEWEST and page.manifest.prior is None:
+            console.say(
+                f"no population.json: the spread between devices needs {FEWEST} that were calibrated"
+            )
         if page.manifest.magnetometers:
             console.say(LEFT_OUT)
         if unlike:

@@ -57,7 +57,9 @@ def beyond_batches(campaign: Campaign, trial: Sequence[Dwells]) -> bool:
     return settled != {"invariant"} or max(map(directions, told)) < UNKNOWNS
 
 
-def line_model(campaign: Campaign, tasks: Sequence[Task], devices: Devices) -> LineModel:
+def line_model(
+    campaign: Campaign, tasks: Sequence[Task], devices: Devices, *, force: bool = False
+) -> LineModel:
     """The model that most of the first devices have, with the highest degree over temperature among them.
 
     Devices whose calibration is not to be used, or lacks a triad that they recorded, choose nothing unless there is no
@@ -69,7 +71,7 @@ def line_model(campaign: Campaign, tasks: Sequence[Task], devices: Devices) -> L
     for name, one in (pair for task in tasks for pair in devices(task)):
         try:
             own = _given(one)
-            result = calibrate_device(own)
+            result = calibrate_device(own, force=force)
         except ValueError as error:
             failed.append(f"device '{name}': {_line(error)}")
         else:
@@ -127,12 +129,12 @@ def _by_the_lines_model(own: Campaign, manifest: Manifest) -> DeviceResult:
     One that is fitted again asks nothing of its positions: that they do not tell the misalignments would go unsaid.
     """
     try:
-        alone = calibrate_device(own)
+        alone = calibrate_device(own, force=manifest.force)
     except ValueError:
         alone = None
     if alone is not None and _is_of_model(alone, manifest):
         return alone
-    return calibrate_device(own, model=manifest.model)
+    return calibrate_device(own, model=manifest.model, force=manifest.force)
 
 
 def _is_of_model(result: DeviceResult, manifest: Manifest) -> bool:

@@ -16,6 +16,7 @@ from ..storage.whole_files import write_atomically
 from . import magnetometers
 from .copies import set_copies_aside
 from .input_hashes import changes_since, hashes_of, same_files, write_inputs
+from .line_plausibility import require_plausible_line
 from .model_choice import choose_line_model, first_dwells, Reader
 from .one_by_one import beyond_batches, devices_of, line_model
 from .overview.explain import choose_line_forms, write_line
@@ -24,7 +25,6 @@ from .population.population import as_prior, Population, write_population
 from .reduce.campaign_folders import (
     common_settings,
     find_campaigns,
-    read_campaigns,
     split_campaigns,
 )
 from .reduce.locations import find_sources, is_address, local_state
@@ -56,6 +56,7 @@ def run_fleet(
     prior: Population | None = None,
     explain: bool = False,
     precision: Precision = "float64",
+    force: bool = False,
     progress: Report | None = None,
 ) -> FleetSummary:
     """Calibrate every device of a line, or go on with a run that was broken off.
@@ -67,13 +68,14 @@ def run_fleet(
     devices are measured (see `read_population`), and gives the model; with `explain` every device is also
     scored for the catalogue's effects, and `line.json` tells those of the line from those of single devices;
     `precision` "float32" solves the invariant accelerometer problem in single precision, see `fit_fleet`;
-    `progress` is called with the number of tasks done and of all.
+    `force` goes on with data that cannot be right; `progress` is called with the number of tasks done and of all.
 
     A device that cannot be calibrated gets a row with the reason. Raises `ValueError` for what is wrong
-    with the campaign, where another run writes to `folder`, where it holds a run over other files, with another
-    prior or in another precision, or where "float32" is asked of a line without that problem.
+    with the campaign or, without `force`, with the data of its first devices alike, where another run writes to
+    `folder`, where it holds a run over other files, with another prior or in another precision, or where "float32" is
+    asked of a line without that problem.
     """
-    asked = _Asked(None if prior is None else as_prior(prior), explain, precision)
+    asked = _Asked(None if prior is None else as_prior(prior), explain, precision, force)
     folder = Path(folder)
     # Other processes have programs of their own.
     with owned(folder), Ahead(scheduler is None) as ahead:
@@ -103,7 +105,8 @@ def _gather(folder: Path, manifest: Manifest, columns: ColumnMap, before: int) -
     summary = replace(summary, fits=fits, devices_before=manifest.kept)
     write_atomically(folder / "summary.json", msgspec.json.encode(summary.as_dict()))
     if manifest.forms is not None:
-        write_line(folder, manifest, reader_of(manifest.campaigns, columns, manifest.exact))
+        reader = reader_of(manifest.campaigns, columns, manifest.exact, manifest.force)
+        write_line(folder, manifest, reader)
     return summary
 
 
@@ -125,6 +128,7 @@ class _Asked(msgspec.Struct, frozen=True):
     prior: Population | None
     explain: bool
     precision: Precision
+    force: bool = False
 
 
 def _plan(path: Path, folder: Path, asked: _Asked, ahead: Ahead) -> tuple[Manifest, ColumnMap]:
@@ -156,7 +160,7 @@ def _plan(path: Path, folder: Path, asked: _Asked, ahead: Ahead) -> tuple[Manife
     except ValueError as error:
         raise ValueError(f"{file}: {error}") from None
     exact = sum(t.rows for t in tasks) <= EXACT_ROWS
-    reader = reader_of(False, columns, exact)
+    reader = reader_of(False, columns, exact, asked.force)
     found = _settled(
         campaign,
         tasks,
@@ -187,7 +191,7 @@ def _plan_campaigns(
     return _settled(
         campaign,
         tasks,
-        read_campaigns,
+        reader_of(True, ColumnMap(), True, asked.force),
         ColumnMap(),
         mark,
         folder,
@@ -214,26 +218,30 @@ def _settled(
     exact: bool,
 ) -> Manifest:
     """The plan of a new run over `files` by campaign.toml, stored with their hashes."""
-    plain = asked == _Asked(None, explain=False, precision="float64")
+    plain = asked == _Asked(None, explain=False, precision="float64", force=asked.force)
     # Asked for, whatever it takes; what the data alone would choose so, a large run has in a form that is quick.
     one_by_one = plain and bool(asks_together(campaign.model))
     by_table = lambda: magnetometers.in_tables(campaign, tasks, columns)
     mag = magnetometers.in_campaigns(tasks) if campaigns else by_table()
+    devices = devices_of(campaign, columns, folders=campaigns)
+    warned: tuple[str, ...] = ()
+    if not campaigns:  # whose readers check each
+        warned = require_plausible_line(campaign, tasks, devices, force=asked.force)
     trial = [] if one_by_one else first_dwells(campaign, tasks, reader)
     if one_by_one or (plain and exact and beyond_batches(campaign, trial)):
         one_by_one, tasks = True, apart(tasks)
-        model = line_model(campaign, tasks, devices_of(campaign, columns, folders=campaigns))
+        model = line_model(campaign, tasks, devices, force=asked.force)
     else:
         model = choose_line_model(campaign, trial, asked.prior)
     if asked.precision == "float32":
         _require_single(model.accel, asked.prior)
     manifest = Manifest(
         SCHEMA, mark, campaign.site.gravity, model.accel, model.gyro, model.g_sensitivity,
-        model.reasons, tasks, asked.prior, campaigns, precision=asked.precision, model=model.spec,
+        (*model.reasons, *warned), tasks, asked.prior, campaigns, precision=asked.precision, model=model.spec,
         rig=_promised(campaign.rig), axes=campaign.rig.axes, outer_part=campaign.rig.outer_part,
         exact=exact or one_by_one, one_by_one=one_by_one,
         documented=True, own_words=one_by_one, latitude=campaign.site.latitude,
-        magnetometers=mag,
+        magnetometers=mag, force=asked.force,
     )  # fmt: skip
     if asked.explain:
         forms = choose_line_forms(manifest, reader)
@@ -318,6 +326,9 @@ def _known(
         raise ValueError(f"{folder} holds a run {had}; choose another output folder.")
     if asked.explain and known.forms is None:
         raise ValueError(f"{folder} holds a run without --explain; choose another output folder.")
+    if known.force != asked.force:
+        had = "with --force" if known.force else "without --force"
+        raise ValueError(f"{folder} holds a run {had}; choose another output folder.")
     if known.precision != asked.precision:
         raise ValueError(
             f"{folder} holds a run in {known.precision}; choose another output folder for {asked.precision}."

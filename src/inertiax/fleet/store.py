@@ -64,6 +64,7 @@ class Manifest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_def
     own_words: bool = False
     magnetometers: bool = False  # were recorded, and are not calibrated here
     latitude: float | None = None  # rad, where the campaign states it
+    force: bool = False  # what cannot be right is calibrated all the same
     kept: int = (
         0  # devices of the first task whose results are those of an earlier run over other files
     )

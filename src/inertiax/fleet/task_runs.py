@@ -13,6 +13,7 @@ import msgspec
 from ..data.formats import ColumnMap
 from ..data.recording import Campaign, Site
 from .cluster import on_dask, on_processes
+from .line_plausibility import with_causes
 from .model_choice import Reader
 from .one_by_one import calibrate_one_by_one, Devices, devices_of
 from .reduce.campaign_folders import read_campaigns
@@ -26,9 +27,11 @@ from .store import Manifest, write_part
 AHEAD = 16
 
 
-def reader_of(campaigns: bool, columns: ColumnMap, exact: bool) -> Reader:
-    """What turns a task into dwells."""
-    return read_campaigns if campaigns else functools.partial(read, columns=columns, exact=exact)
+def reader_of(campaigns: bool, columns: ColumnMap, exact: bool, force: bool = False) -> Reader:
+    """What turns a task into dwells; with `force` those of data that cannot be right too."""
+    if campaigns:
+        return functools.partial(read_campaigns, force=force)
+    return functools.partial(read, columns=columns, exact=exact, force=force)
 
 
 class Context(eqx.Module):
@@ -41,7 +44,7 @@ class Context(eqx.Module):
 
 def _reader_of(context: Context) -> Reader:
     manifest = context.manifest
-    return reader_of(manifest.campaigns, context.columns, manifest.exact)
+    return reader_of(manifest.campaigns, context.columns, manifest.exact, manifest.force)
 
 
 def _devices_of(context: Context) -> Devices:
@@ -58,6 +61,8 @@ def run_task(task: Task, context: Context) -> int:
             rows = calibrate_one_by_one(task, _devices_of(context), context.manifest)
         else:
             rows = calibrate_reduced(_reader_of(context)(task), context.manifest)
+            if not (context.manifest.campaigns or context.manifest.force):
+                rows = with_causes(rows, task, _devices_of(context))
         write_part(Path(context.folder), task.number, rows)
     return task.number
 

@@ -108,16 +108,16 @@ def campaigns_of(task: Task) -> Iterator[tuple[str, Campaign | str]]:
             yield f"{name}/{serial}" if several else name, campaign.of_device(serial)
 
 
-def read_campaigns(task: Task) -> Reduction:
-    """The dwells of a task's devices."""
-    return Reduction.of([_reduced(name, one) for name, one in campaigns_of(task)])
+def read_campaigns(task: Task, *, force: bool = False) -> Reduction:
+    """The dwells of a task's devices; with `force` those of data that cannot be right too."""
+    return Reduction.of([_reduced(name, one, force) for name, one in campaigns_of(task)])
 
 
-def _reduced(name: str, one: Campaign | str) -> Reduced:
+def _reduced(name: str, one: Campaign | str, force: bool) -> Reduced:
     if isinstance(one, str):
         return Reduced(name, None, one)
     try:
-        warnings = statements(require_plausible(one))
+        warnings = statements(require_plausible(one, force=force))
         known = recorded(one.recordings, warnings)
         dwells = without_earth_rate(reduce_to_dwells(one.recordings), one)
         return Reduced(name, dwells, recorded=known)

@@ -52,8 +52,8 @@ from .tasks import Stretch, Task
 NO_REST = "no rest: no row has a position of 0 or more"
 
 
-def read(task: Task, columns: ColumnMap, *, exact: bool = False) -> Reduction:
-    """The dwells of a task's devices; for `exact` see `reduce_table`.
+def read(task: Task, columns: ColumnMap, *, exact: bool = False, force: bool = False) -> Reduction:
+    """The dwells of a task's devices; for `exact` and `force` see `reduce_table`.
 
     Raises `ValueError` for what is wrong with a file as a whole.
     """
@@ -62,7 +62,8 @@ def read(task: Task, columns: ColumnMap, *, exact: bool = False) -> Reduction:
     # Neighbours are read in one go: a row group holds many devices, and would be decoded for each.
     tables = [_rows(s.file, s.start, s.rows, columns) for s in _joined(stretches)]
     table = tables[0] if len(tables) == 1 else pl.concat(tables, how="vertical_relaxed")
-    return reduce_table(table, rows, tuple(d for d, _ in task.devices), columns, exact=exact)
+    names = tuple(d for d, _ in task.devices)
+    return reduce_table(table, rows, names, columns, exact=exact, force=force)
 
 
 def recordings_of(task: Task, columns: ColumnMap) -> Iterator[tuple[str, Recording | str]]:
@@ -110,14 +111,16 @@ def reduce_table(
     columns: ColumnMap,
     *,
     exact: bool = False,
+    force: bool = False,
 ) -> Reduction:
     """Dwells of each device; the table holds `rows[0]` rows of the first device, then those of the second …
 
     A device that turns at a constant rate, by its reference, is reduced alone as `inertiax calibrate` does, since its
-    plateaus count; with `exact` so is every device, whose weights are then calibrate's own.
+    plateaus count; with `exact` so is every device, whose weights are then calibrate's own. With `force` data that
+    cannot be right have dwells too.
     """
     table = with_moving_rows(table, columns)
-    quick = _by_sums(table, rows, devices, columns)
+    quick = _by_sums(table, rows, devices, columns, force)
     ends = np.cumsum(rows)
     turning = with_plateaus(table, ends, columns)
     usable = np.array(
@@ -136,6 +139,7 @@ def _by_sums(
     rows: Int[np.ndarray, " device"],
     devices: tuple[str, ...],
     columns: ColumnMap,
+    force: bool,
 ) -> Reduction:
     """Dwells at rest of each device by sums over blocks of rows."""
     reasons = np.array([NO_REST] * len(devices), object)
@@ -147,7 +151,7 @@ def _by_sums(
     with np.errstate(invalid="ignore", over="ignore"):
         values = {c: blocks.means(table.get_column(c)) for c in table.columns if c not in numbers}
         means = _means(blocks, values, position, experiment, columns)
-        reasons[blocks.devices] = _reasons(blocks, means, columns)
+        reasons[blocks.devices] = _reasons(blocks, means, columns, force)
     usable = reasons[blocks.devices] == ""
     return Reduction(devices, tuple(reasons), _stacks(blocks, means.dwells, usable))
 
@@ -238,7 +242,7 @@ def _triads(
 # --- devices that are set aside ------------------------------------------------------------------
 
 
-def _reasons(blocks: Blocks, means: _Means, columns: ColumnMap) -> np.ndarray:
+def _reasons(blocks: Blocks, means: _Means, columns: ColumnMap, force: bool) -> np.ndarray:
     """For each device with dwells, in words, why they cannot be used; else empty."""
     reasons = np.full(len(blocks.devices), "", object)
     for column, values in means.blocks.items():
@@ -254,8 +258,8 @@ def _reasons(blocks: Blocks, means: _Means, columns: ColumnMap) -> np.ndarray:
                 reasons[k] = reasons[k] or _held(
                     column, int(held[k]), int(k), blocks, means, highest
                 )
-    odd = implausible_devices(blocks.first_dwell, blocks.num_dwells, means.dwells)
-    for k, why in enumerate(odd):
+    found = implausible_devices(blocks.first_dwell, blocks.num_dwells, means.dwells)
+    for k, why in enumerate([] if force else found):
         reasons[k] = reasons[k] or why
     unsorted = blocks.any_of_device(means.span < 0) | _goes_back(
         blocks, np.asarray(means.dwells.time)
