@@ -21,8 +21,8 @@ STAGES = {
 selection plan residuals result estimates custom_model wording findings contradicted_gyros late_elements
 degree_beside pipeline held_out_stretch learn_type_noise __init__""".split(),
     "fleet": """reduce magnetometers solve effects population model_choice store copies input_hashes
-covariance_by_source lever_arms rows reuse one_by_one line_plausibility fit derivatives overview results verdicts cluster task_runs
-pipeline __init__""".split(),
+covariance_by_source lever_arms rows reuse one_by_one line_plausibility fit derivatives overview results verdicts
+cluster task_runs pipeline __init__""".split(),
     "data": """moments frames plausible_units recording recording_order recorded stored_recording compensated formats
 pairing pose_rows model_columns settings json_documents campaign inputs""".split(),
 }
