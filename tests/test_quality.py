@@ -15,6 +15,7 @@ from inertiax.calibrate.goodness_of_fit import (
 )
 from inertiax.calibrate.pipeline import calibrate, DeviceResult
 from inertiax.data.recording import Campaign, ModelChoice, Recording, Site
+from inertiax.diagnose import diagnose_campaign
 from inertiax.report.calibration import _beside
 
 
@@ -90,6 +91,26 @@ def test_a_rest_that_was_touched_is_named_by_its_time():
     assert not rest.fine and "1 of 24 dwells" in rest.text
     assert "at 15 s" in rest.text  # the middle of the eighth rest of 2 s
     assert quality.verdict == "usable"
+
+
+def test_as_many_rests_as_parameters_are_no_test_of_the_fit():
+    """Six faces tell six parameters to the last digit, whatever the device lacks beside them."""
+    six = np.concatenate([np.eye(3), -np.eye(3)])
+    campaign = _campaign(G * six)
+    (recording,) = campaign.recordings
+    alone = eqx.tree_at(lambda r: r.reference_accel, recording, None)
+    quality, result = _judged(Campaign((alone,), campaign.site))
+    assert result.accel.dwells.num_dwells == len(result.accel.estimator.names) == 6
+    assert quality.verdict == "usable"
+    (told,) = [f.text for f in quality.findings if f.topic == "redundancy"]
+    assert "6 equations tell 6 parameters" in told
+    more = _campaign(G * np.concatenate([six, _directions(2)]))
+    (longer,) = more.recordings
+    longer = eqx.tree_at(lambda r: r.reference_accel, longer, None)
+    quality, _ = _judged(Campaign((longer,), more.site))
+    assert not [f for f in quality.findings if f.topic == "redundancy"]
+    found, _ = diagnose_campaign(Campaign((alone,), campaign.site))
+    assert "6 rests tell 6 parameters and leave none to test them by" in found.summary
 
 
 def test_a_range_that_ends_below_gravity_is_the_reservation():

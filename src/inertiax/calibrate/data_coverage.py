@@ -59,6 +59,20 @@ def orientations(
     return Finding("orientations", FINE if fine else ATTENTION, text), advice
 
 
+def redundancy(
+    name: str, triad: TriadCalibration, estimate: TriadResult, calibration: Calibration
+) -> Judged:
+    """Whether more equations than unknowns are left, so that the misfit tests the model."""
+    del calibration
+    if triad.estimator == "static" or estimate.dwells.motion is not None:
+        return None, None
+    rows, unknowns = np.asarray(estimate.misfit).size, np.asarray(triad.curve.coefficients).size
+    if rows > unknowns:
+        return None, None
+    text = f"{name}: {rows} equations tell {unknowns} parameters, so that nothing is left to test the fit by."
+    return Finding("redundancy", ATTENTION, text), None
+
+
 def _warms_in_one_pose(calibration: Calibration) -> bool:
     """Whether the accelerometers' biases count from their mean output, over a range of temperatures."""
     return calibration.accel is not None and calibration.accel.mean_output is not None

@@ -16,7 +16,7 @@ from ..calibration.calibration import Calibration, TriadCalibration
 from ..calibration.quantities import customary_units, label, rms_text, with_sigma
 from ..reduction.dwells import Dwells
 from .attitudes_over_temperature import is_of_one_attitude
-from .data_coverage import input_of, Judged, orientations, rates, temperatures
+from .data_coverage import input_of, Judged, orientations, rates, redundancy, temperatures
 from .goodness_of_fit import (
     ATTENTION,
     begun,
@@ -78,7 +78,7 @@ def judge(result: DeviceResult) -> Quality:
         name = TRIAD_NAMES[estimate.estimator.triad]
         own = _mistakes(name, triad, estimate, result.calibration)
         own += [*_ended(name, estimate, result), _misfit(name, triad, estimate)]
-        for topic in (orientations, rates, temperatures, _weakest_finding):
+        for topic in (redundancy, orientations, rates, temperatures, _weakest_finding):
             finding, wanted = topic(name, triad, estimate, result.calibration)
             own += [] if finding is None else [finding]
             advice += [] if wanted is None else [wanted]

@@ -61,7 +61,7 @@ from .wording.line_report import (
 )
 from .wording.noise_doubt import doubted, noise_sentence
 from .wording.scatter import model_scatter_sentence, scatter_sentence
-from .wording.sentences import summary
+from .wording.sentences import summary, untested_sentence
 from .wording.untold_channels import not_applied
 
 
@@ -313,6 +313,7 @@ def conclude_findings(
     doubtful = doubted(every_check)
     sentences = (
         said,
+        untested_sentence([(f.prepared.form, f.prepared.blocks) for f in findings]),
         noise_sentence(doubtful),
         left_out_sentence(handling),
         kept_sentence(handling),

@@ -62,6 +62,10 @@ def rescaled(kind: str, columns: ColumnMap, factor: float) -> tuple[str | None, 
     units = ACCEL_UNITS if kind.endswith("accel") else GYRO_UNITS
     now = units.get(said.unit or next(iter(units)), 1.0)
     unit = known_unit(kind, now * factor)
+    if (
+        unit is not None and units[unit] == now
+    ):  # near enough to what it is: the unit is not the cause
+        return None, None
     if unit is not None:
         return _line(kind, said, f'unit = "{unit}"'), f'unit "{unit}"'
     counts = usual_counts(kind, now * factor)

@@ -330,7 +330,7 @@ def build(log: Log, blocks: Blocks, base: Baseline, force: np.ndarray | None) ->
         vibration=_vibration(log, blocks, form.gravity), resolution=_resolution(output),
         scatter=np.sqrt(white.mean(axis=0)),
         at_temperature=None if temperature is None or form.degree == 0 else model,
-        axes=axes_at_rest(blocks, form, model.matrix[:, :, 0]),
+        axes=axes_at_rest(blocks, form, np.asarray(model.matrix)[:, :, 0]),
         expected=np.asarray(model(np.zeros(len(log.time)) if temperature is None else temperature)),
         degree=form.degree, low=form.low, high=form.high, upright=upright, oriented=oriented,
     )  # fmt: skip

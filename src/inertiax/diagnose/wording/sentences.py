@@ -4,10 +4,13 @@ import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
+import numpy as np
+
 from ...calibration.effect_units import shown_parameter
 from ...effects import Effect
 from ...effects.form_units import acts_on, Settings
 from ...effects.over_temperature import said_of_coefficients
+from ..observations.blocks import Blocks
 from ..observations.model_rows import ModelForm
 from ..result import Explanation, Parameter, Where
 from .untold_channels import channels_said
@@ -86,6 +89,18 @@ def _models(forms: Sequence[ModelForm]) -> str:
         + (f" (degree {f.degree} in temperature)" if f.degree else "")
         for f in forms
     )
+
+
+def untested_sentence(triads: Sequence[tuple[ModelForm, Blocks]]) -> str | None:
+    """Of accelerometers by |a|, that no more rests are there than parameters, in a sentence; `None` where more are."""
+    for form, blocks in triads:
+        rests = len(np.unique(blocks.dwell[~blocks.moving]))
+        if form.by_magnitude and form.degree == 0 and rests <= len(form.names):
+            return (
+                f"The accelerometers' {rests} rests tell {len(form.names)} parameters and leave none to test them by: "
+                "what is constant in a rest is in the parameters."
+            )
+    return None
 
 
 def summary(
