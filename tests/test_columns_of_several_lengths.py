@@ -68,3 +68,28 @@ def test_structs_of_a_matlab_file(tmp_path):
     found = draft(path)["columns"]
     assert found["accel"]["names"] == [f"imu/a{a}" for a in "xyz"]
     assert load_campaign(tmp_path).recordings[0].num_samples == len(TIME)
+
+
+def test_recordings_of_other_lengths_are_named(tmp_path):
+    """One public file holds seven logs, of which the longest was taken without a word of the others."""
+    path, stored = tmp_path / "logs.mat", {}
+    for k, last in enumerate((len(TIME), len(TIME) - 900, len(TIME) - 500)):
+        stored |= {f"time{k}": TIME[:last]}
+        for name, values in (("acc", ACCEL), ("rate", GYRO)):
+            stored |= {f"{name}{a}{k}": values[:last, i] for i, a in enumerate("xyz")}
+    scipy.io.savemat(path, stored)
+    text = draft_campaign(path, tmp_path).text
+    (told,) = [line for line in text.splitlines() if "other lengths" in line]
+    assert f"accx1 ({len(TIME) - 900} rows)" in told and f"accx2 ({len(TIME) - 500} rows)" in told
+    assert '["accx0", "accy0", "accz0"]' in text and "accx0 (" not in told
+
+
+def test_navigation_toolboxes_name_both_triads_in_body_axes(tmp_path):
+    """As NaveGo stores an IMU: fb and wb, of which the rates were "not read" where no turn told them."""
+    path, rng = tmp_path / "imu.mat", np.random.default_rng(0)
+    still = {"t": TIME, "fb": np.array([0.1, 0.2, G]) + 0.02 * rng.normal(size=ACCEL.shape)}
+    still |= {"wb": 1e-3 * rng.normal(size=GYRO.shape), "arw": np.zeros(3)}
+    scipy.io.savemat(path, {"imu1": still})
+    found = draft(path)["columns"]
+    assert found["accel"]["names"] == [f"imu1/fb_{a}" for a in "xyz"]
+    assert found["gyro"] == {"names": [f"imu1/wb_{a}" for a in "xyz"], "unit": "rad/s"}

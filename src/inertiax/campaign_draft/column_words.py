@@ -203,6 +203,8 @@ UNIT = re.compile(
 SYMBOLS: dict[str, Literal["accel", "gyro"]] = {
     "a": "accel", "f": "accel", "sf": "accel", "gf": "accel", "xl": "accel",
     "w": "gyro", "ω": "gyro", "om": "gyro", "av": "gyro", "g": "gyro", "gy": "gyro",
+    # In axes of the body, of it against inertial space: NaveGo, and texts on navigation.
+    "fb": "accel", "fib": "accel", "fbib": "accel", "wb": "gyro", "wib": "gyro", "wbib": "gyro",
 }  # fmt: skip
 _OWNER = re.compile(r"imu|sens|raw|body|dut|dev|mpu|icm|bmi|lsm|[a-z]?\d")
 _BETWEEN_WORDS = re.compile(r"[^a-z0-9ω]+")

@@ -18,6 +18,7 @@ _READ_AS_THEY_ARE = (
 )  # fmt: skip
 _MOST_LABELS = 64  # different numbers: more are a measured quantity or a counter
 _MOST_NAMED = 12
+_LISTED_ASIDE = 4  # recordings of other lengths
 _ANGLE = re.compile(r"angle|winkel|angulo|angolo")
 
 ONE_AXIS = (
@@ -62,6 +63,12 @@ def columns_table(lines: tuple[Line, ...], remarks: tuple[str, ...], found: RawT
         )
     if others:
         unread += (f"Not read: {_listed(others)}.",)
+    if aside := found.log.aside:
+        more = f" and {len(aside) - _LISTED_ASIDE} more" if len(aside) > _LISTED_ASIDE else ""
+        unread += (
+            f"Not read, recordings of other lengths in this file: {', '.join(aside[:_LISTED_ASIDE])}{more}. A "
+            "campaign.toml with their names under [columns] reads one of these instead.",
+        )
     return Table("columns", lines, remarks, unread)
 
 

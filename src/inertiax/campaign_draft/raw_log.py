@@ -47,6 +47,9 @@ class RawLog(NamedTuple):
         str, tuple[str, ...]
     ] = {}  # columns of other text, which may be labels, each with its first words
     notes: array_notes.ArrayNotes = array_notes.NOTHING  # of a file of arrays
+    aside: tuple[
+        str, ...
+    ] = ()  # triads of other lengths in the file, each by its first column and rows
 
     @property
     def names(self) -> tuple[str, ...]:

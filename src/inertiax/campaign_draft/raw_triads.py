@@ -81,14 +81,19 @@ def _with_a_triad(path: Path) -> RawLog:
     first, *others = read_logs(path)
     if not others:
         return first
-    refused = None
+    refused, taken, further = None, None, []
     for log in (first, *others):
         try:
-            roles_of(log)
+            roles = roles_of(log)
         except ValueError as error:
             refused = refused or error
-        else:
-            return log
+            continue
+        if taken is None:
+            taken = log
+        elif triad := roles.accel or roles.gyro or roles.mag:
+            further.append(f"{triad[0]} ({_rows(log)} rows)")
+    if taken is not None:
+        return taken._replace(aside=tuple(further))
     shown = "; ".join(f"{_rows(x)} rows: {', '.join(x.names[:3])}" for x in others[:_LISTED])
     raise ValueError(
         f"{str(refused).removesuffix('.')}. Columns of other lengths are no triads either ({shown})."
