@@ -122,6 +122,22 @@ def test_a_turn_of_which_rows_are_lost_without_a_gap_in_the_stamps_is_left_out()
     assert not any(np.array_equal(t.before, made[5].accel) for t in turns)
 
 
+def test_a_turn_at_the_end_of_the_gyros_range_is_left_out():
+    """As in the batch estimate: the fastest of the turns is cut off at the range."""
+    time, force, omega, rests = device(100.0, noise=1e-4)
+    fastest = np.abs(omega).max(axis=0)
+    axis = int(np.argmax(fastest))
+    rows = slice(round(rests[7][1] * 100), round(rests[8][0] * 100))
+    limit = 0.98 * np.abs(omega[rows, axis]).max()
+    others = np.delete(np.arange(len(omega)), np.r_[rows])
+    assert np.abs(omega[others, axis]).max() < limit < np.abs(omega[rows, axis]).max()
+    cut = omega.copy()
+    cut[:, axis] = np.clip(cut[:, axis], -limit, limit)
+    turns, made = between(time, force, cut, rests)
+    assert len(turns) == len(AXES) - 1
+    assert not any(np.array_equal(t.before, made[7].accel) for t in turns)
+
+
 def replayed(rows):
     session = Session(Campaign((), Site(GRAVITY), Rig()), parse_target("gyro.scale=100 ppm"))
     for first in range(0, len(rows[0]), 20):

@@ -2,7 +2,7 @@
 
 A turn is integrated by its stamps, over a missing row too: counted at a mean rate, all rows behind it would be late
 by a part of the gap. Only where a host stamps unevenly, and gravity says so, are rows counted (`motion_clock`). A turn
-that alone misses gravity's turn is left out (`missed_turns`).
+that alone misses gravity's turn is left out (`missed_turns`), and one at whose rates a gyro is at the end of its range.
 """
 
 import dataclasses
@@ -13,6 +13,7 @@ from jaxtyping import Bool, Float
 
 from ..data.recording import Recording
 from ..physics.vectors import angle_between, unit_vector
+from ..reduction.clipping import clipped_rows
 from ..reduction.missed_turns import missed
 from ..reduction.motion_clock import motion_clock, step_angles, Turn as Motion
 from ..reduction.rests import PAUSE
@@ -113,7 +114,11 @@ def _judge(pairs: list[tuple[Rest, Rest]], store: RowStore, force: Force) -> _Ju
     direction = lambda outputs: unit_vector(force(np.array(outputs)))
     ups = zip(direction([b.accel for b, _ in pairs]), direction([a.accel for _, a in pairs]))
     motions = [Motion(*_rows(*p), *up, _bias(*p)) for p, up in zip(pairs, ups)]
-    off = _missed(rows, motions)
+    ended = clipped_rows(rows.gyro)
+    off = np.array([bool(ended[m.first : m.last + 1].any()) for m in motions], bool)
+    within = [m for m, out in zip(motions, off) if not out]
+    if within:
+        off[~off] = _missed(rows, within)
     agreeing = [m for m, out in zip(motions, off) if not out]
     clock = motion_clock(rows.time, rows.gyro, agreeing)
     left_out = frozenset((m.first, m.last) for m, out in zip(motions, off) if out)

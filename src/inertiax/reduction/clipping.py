@@ -59,10 +59,13 @@ def in_coarse_steps(
 
 
 def clipped_rows(values: Float[np.ndarray, "time 3"]) -> Bool[np.ndarray, " time"]:
-    """Samples of a triad at the end of a channel's range, where the channel stays there as noise does not."""
+    """Samples of a triad at the end of a channel's range, where the channel stays there as noise does not.
+
+    What a channel reads most of the time, as gyros do in rests without noise, is no end of its range.
+    """
     marked = np.zeros(len(values), bool)
     for x in values.T:
-        for extreme in {float(x.min()), float(x.max())}:
+        for extreme in {float(x.min()), float(x.max())} - {float(np.median(x))}:
             if holds_extreme(x, extreme):
                 marked |= x == extreme
     return marked
