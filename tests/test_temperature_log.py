@@ -278,6 +278,22 @@ def test_init_takes_a_chambers_log_among_the_others(tmp_path):
     np.testing.assert_allclose(recording.temperature[:, 0], expected, atol=1e-3)
 
 
+def test_init_reads_a_temperature_in_rows_of_its_own(tmp_path):
+    """As a log of messages has it: a row with a sample has no temperature, and it "holds no two numbers"."""
+    time, accel = device()
+    lines = [(t, f"{t},{a:.5f},{b:.5f},{c:.5f},") for t, (a, b, c) in zip(time, accel, strict=True)]
+    readings = time[::50] + 0.002
+    lines += [(t, f"{t},,,,{chamber(t):.4f}") for t in readings]
+    text = "\n".join(line for _, line in sorted(lines))
+    (tmp_path / "imu.csv").write_text(f"time,ax,ay,az,temp\n{text}\n")
+    table, draft = drafted(tmp_path, [tmp_path / "imu.csv"])
+    assert table["recordings"]["temperature_files"] == ["imu.csv"]
+    assert "temperature_delay" not in table["recordings"] | draft.untold
+    (recording,) = load_campaign(tmp_path).recordings
+    expected = np.interp(time, readings, chamber(readings))
+    np.testing.assert_allclose(recording.temperature[:, 0], expected, atol=1e-3)
+
+
 START = datetime(2026, 3, 2, 9, 30, tzinfo=UTC)
 
 

@@ -150,7 +150,7 @@ def _unit(
         if step == 1.0:  # rows are counted
             return None, "", False
     possible = [u for u, s in steps.items() if _POSSIBLE[0] <= 1.0 / s <= _POSSIBLE[1]]
-    if temperature is not None:
+    if temperature is not None and np.isfinite(log.numbers[temperature]).any():
         swing = float(np.nanmax(log.numbers[temperature]) - np.nanmin(log.numbers[temperature]))
         slow = [u for u in possible if swing < 5.0 or swing / (steps[u] * len(values)) < _WARMING]
         if len(slow) < len(possible) and slow:

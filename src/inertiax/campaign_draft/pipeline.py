@@ -46,7 +46,12 @@ from .stated_scales import gyro_scale
 from .station_lines import angle_lines, reference_force, station_tables, with_reference_rate
 from .table_angles import table_angles, TableAngles
 from .table_log import beside_each, column_lines, refined, refined_by_rate, TableLog
-from .temperature_log import column_lines as probe_columns, probe_logs, split_off
+from .temperature_log import (
+    column_lines as probe_columns,
+    in_rows_of_its_own,
+    probe_logs,
+    split_off,
+)
 from .temperature_unit import temperature_unit
 from .toml_text import CHECK, Line, Table
 from .unusable_logs import refuse_folder, refuse_wrapped
@@ -120,7 +125,7 @@ def draft_campaign(
     angles = None if found.roles.reference_accel is not None else table_angles(found, rests)
     if angles is not None:
         own = refined(each, angles)
-    probes = probe_logs(found, probed)
+    probes = probe_logs(found, probed) or in_rows_of_its_own(found, (log, *others))
     # A probe's own log stands for the device's column of that name
     without = found._replace(roles=found.roles._replace(temperature=None)) if probes else found
     lines, remarks, upright = _columns(without, rests, turns, angles, own, step)

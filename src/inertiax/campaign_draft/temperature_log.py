@@ -47,6 +47,23 @@ def split_off(others: Sequence[Path]) -> tuple[tuple[Path, ...], tuple[Path, ...
     return tuple(p for p in others if p not in probes), probes
 
 
+def in_rows_of_its_own(found: RawTriads, paths: Sequence[Path]) -> tuple[ProbeLog, ...]:
+    """The device's files where each has its temperature in rows without a sample, as a log of messages; else none."""
+    name, log = found.roles.temperature, found.log
+    if name is None or found.clock.name is None or not log.has_header:
+        return ()
+    if np.isfinite(log.numbers[name]).sum() > 1:
+        return ()
+    logs = [read_log(path) for path in paths]
+    if not all(name in x.numbers and np.isfinite(x.numbers[name]).sum() > 1 for x in logs):
+        return ()
+    unit = temperature_unit(logs[0], name)
+    if unit.unit is None:
+        return ()
+    clock = found.clock._replace(why="the device's own, in rows without a sample")
+    return tuple(ProbeLog(path, clock, name, unit, Delay(None)) for path in paths)
+
+
 def probe_logs(found: RawTriads, paths: Sequence[Path]) -> tuple[ProbeLog, ...]:
     """The logs of a device's temperature. Raises `ValueError` where one has no clock, or no temperature."""
     made = tuple(_probe_log(found, path) for path in paths)
