@@ -42,8 +42,8 @@ def between_rows(
         if len(at) < 2 or at[0] - time[0] > held or time[-1] - at[-1] > held:
             raise ValueError(
                 f"{where}: the temperature has no finite number in {int((~told).sum())} of {len(told)} rows, and what "
-                "there is does not cover the log; drop or repair them, or leave out the column. Readings in rows without a "
-                "sample are read with this file under [recordings] temperature_files, too."
+                "there is does not cover the log; drop or repair them, or leave out the column. Readings in rows "
+                "without a sample are read with this file under [recordings] temperature_files, too."
             )
         made[:, k] = np.interp(time, at, column[told])
     return made, max(steps)
