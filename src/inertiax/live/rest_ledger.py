@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from ..data.recording import Recording
+from ..reduction.chord import shortening
 from ..reduction.handling import Disturbance, NOUNS, undisturbed
 from ..reduction.rests import find_rests, Rests, usual_step
 from ..reduction.segments import segment
@@ -175,7 +176,15 @@ def _means(recording: Recording, rests: list[Int[np.ndarray, " _"]]) -> list[Mea
     probes = recording.temperature
     warm = [None if probes is None else float(probes[rows, 0].mean()) for rows in rests]
     both = zip(of(recording.accel), references, of(recording.gyro), warm)
-    return [Means(a, va, r, g, vg, t) for (a, va), r, (g, vg), t in both]
+    made = [Means(a, va, r, g, vg, t) for (a, va), r, (g, vg), t in both]
+    if recording.accel is None or known is not None or not rests:
+        return made
+    starts = np.cumsum([len(rows) for rows in rests]) - [len(rows) for rows in rests]
+    longer = 1.0 + shortening(recording.accel[np.concatenate(rests)], starts)
+    return [
+        dataclasses.replace(m, accel=None if m.accel is None else factor * m.accel)
+        for m, factor in zip(made, longer, strict=True)
+    ]
 
 
 def mean_covariances(

@@ -221,7 +221,7 @@ def _means(recordings: Sequence[Recording], parts: list[_Blocks]) -> Dwells:
         experiment=np.concatenate([p.experiment for p in parts]),
         position=position,
         valid=np.ones(len(counts), bool),
-        accel=mean("accel"),
+        accel=_of_full_length(found, position),
         accel_covariance=_with_turning(
             parts, _with_parts(pairs, "accel", _covariances(found, "accel", kind, counts * step))
         ),
@@ -235,6 +235,17 @@ def _means(recordings: Sequence[Recording], parts: list[_Blocks]) -> Dwells:
         move=move if move.any() else None,
         held=held if held.any() else None,
     )
+
+
+def _of_full_length(
+    found: Sequence[Reduced], position: Int[np.ndarray, " dwell"]
+) -> Float[np.ndarray, "dwell 3"] | None:
+    """Mean forces, at rest of the length that they have at each moment, not of their mean where a hand turns them."""
+    mean = joined_means(found, "accel")
+    shorter = [f.shorter for f in found if f.shorter is not None]
+    if mean is None or len(shorter) < len(found):
+        return mean
+    return mean * (1.0 + np.where(position >= 0, np.concatenate(shorter), 0.0))[:, None]
 
 
 def _with_turning(

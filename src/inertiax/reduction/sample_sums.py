@@ -11,6 +11,7 @@ from jaxtyping import Bool, Float, Int
 
 from .._records import Module
 from ..data.recording import Recording
+from .chord import shortening
 from .dwells import is_told
 from .mean_covariance import Scatter
 from .mean_noise import converter_steps
@@ -48,6 +49,8 @@ class Reduced(Module):
     gyro: Line | None
     mag: Line | None
     spread: Float[np.ndarray, " dwell"] | None  # mean square of rates about their mean, (rad/s)²
+    # Part by which the mean force is shorter than the force, where no reference tells it (`chord.shortening`).
+    shorter: Float[np.ndarray, " dwell"] | None = None
 
     @property
     def rows(self) -> Int[np.ndarray, " row"]:
@@ -105,6 +108,9 @@ def reduced(
     if recording.gyro is not None and {"gyro", "reference_gyro"} <= set(given):
         about = recording.gyro[rows] - np.repeat(means["gyro"], counts, axis=0)
         spread = mean(np.sum(np.square(about), axis=1))
+    shorter = None
+    if recording.accel is not None and "accel" in given and stated is None:
+        shorter = shortening(recording.accel[rows], starts)
     return Reduced(
         recording,
         start,
@@ -116,6 +122,7 @@ def reduced(
         lines["gyro"],
         lines["mag"],
         spread,
+        shorter,
     )
 
 

@@ -15,6 +15,7 @@ from ...data.recording import Campaign, Recording
 from ...data.recording_order import in_order
 from ...physics.wgs84 import EARTH_RATE as EARTH_RATE
 from ...reduction.block_length import length_beyond_tremor
+from ...reduction.chord import shortening
 from ...reduction.device_segments import of_one_device
 from ...reduction.dwells import is_told
 from ...reduction.held_rests import variance_by_parts
@@ -280,6 +281,9 @@ def _summarise(log: Log, start: np.ndarray, stop: np.ndarray, dwell: np.ndarray)
     attitude = dwell
     if stated is not None and rate is not None:
         attitude = attitudes(position, rate, stated, log.recording[start], dwell)
+    accel = mean(log.accel)
+    if accel is not None and log.accel is not None and log.reference_accel is None:
+        accel = accel * (1.0 + np.where(moving, 0.0, _shortening(log.accel, start, stop)))[:, None]
     return Blocks(
         start=start,
         stop=stop,
@@ -293,13 +297,21 @@ def _summarise(log: Log, start: np.ndarray, stop: np.ndarray, dwell: np.ndarray)
         attitude=attitude,
         cycle=log.cycle[start],
         temperature=mean(log.temperature),
-        accel=mean(log.accel),
+        accel=accel,
         gyro=gyro,
         reference_accel=stated,
         reference_gyro=rate,
         accel_white=_white(log.accel, log.reference_accel, start, stop, dwell, moving, held, move),
         gyro_white=_white(log.gyro, log.reference_gyro, start, stop, dwell, moving, held, move),
     )
+
+
+def _shortening(accel: np.ndarray, start: np.ndarray, stop: np.ndarray) -> np.ndarray:
+    """`chord.shortening` of blocks."""
+    counts = stop - start
+    first = np.cumsum(counts) - counts
+    rows = np.arange(counts.sum()) + np.repeat(start - first, counts)
+    return shortening(accel[rows], first)
 
 
 def with_scatter_about(
