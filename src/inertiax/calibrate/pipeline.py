@@ -365,8 +365,8 @@ def _raw_force(recording: Recording) -> Float[np.ndarray, "time 3"]:
 def _of_turning(campaign: Campaign, segments: Sequence[Segments]) -> list[str]:
     """What is to be said of recordings that turn slowly all along."""
     return [
-        f"{recording.name or 'the recording'}: {part.statement}. A force that turning about a point beside it adds all along is not in "
-        "that: let it lie for seconds in each of nine orientations."
+        f"{recording.name or 'the recording'}: {part.statement}. A force that turning about a point beside it adds all "
+        "along is not in that: let it lie for seconds in each of nine orientations."
         for recording, part in zip(campaign.recordings, segments, strict=True)
         if part.turning is not None
     ]

@@ -4,6 +4,9 @@ import numpy as np
 from jaxtyping import Float, Int
 
 
+_BEYOND_NOISE = (
+    4.0  # standard deviations, by which a turn shortens a mean more than noise does (convention)
+)
 _FEWEST = 4  # samples of a part, whose mean has an eighth of a sample's variance across at most
 _MOST_PARTS = 32  # of a rest: what turns within one of these shortens its mean by a thousandth of what it does to all
 
@@ -20,7 +23,7 @@ def shortening(
         (⟨|m_p|⟩ − |⟨m_p⟩| − ⟨(tr S_p − uᵀ S_p u) / (2 |m|)⟩ (1 − 1/P)) / |⟨m_p⟩|,
 
     with $S_p$ the diagonal covariance of $m_p$ and u the direction of the mean. Noise lengthens each of them by as
-    much, and is no turn.
+    much, and is no turn; what it may give by chance is 0.
 
     **Arguments:** `values` in any unit, the rows of the rests one after the other; `starts` are their first rows.
 
@@ -51,5 +54,8 @@ def shortening(
     noise = of_rest(scatter)
     across = noise.sum(axis=1) - np.sum(noise * u**2, axis=1)
     longer = of_rest(np.linalg.norm(mean, axis=1)) - length
-    turned = longer - across / (2.0 * kept) * (1.0 - 1.0 / parts)
-    return np.where((parts > 1) & (length > 0.0), np.maximum(turned, 0.0) / kept, 0.0)
+    by_noise = across / (2.0 * kept) * (1.0 - 1.0 / parts)
+    turned = longer - by_noise
+    # Two channels across and P parts are 2 (P - 1) degrees of freedom, of which χ² scatters by one in √(P - 1).
+    seen = turned > _BEYOND_NOISE * by_noise / np.sqrt(np.maximum(parts - 1, 1))
+    return np.where(seen & (parts > 1) & (length > 0.0), turned / kept, 0.0)
