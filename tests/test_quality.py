@@ -104,6 +104,13 @@ def test_as_many_rests_as_parameters_are_no_test_of_the_fit():
     assert quality.verdict == "usable"
     (told,) = [f.text for f in quality.findings if f.topic == "redundancy"]
     assert "6 equations tell 6 parameters" in told
+    read = G * six + [0.05, -0.02, 0.1] + 2e-3 * np.random.default_rng(5).normal(size=(6, 3))
+    rows = Recording(time=np.arange(6.0), accel=read, position=np.arange(6))
+    quality, result = _judged(Campaign((rows,), Site(gravity=G)))
+    (told,) = [f.text for f in quality.findings if f.topic == "redundancy"]
+    assert "no row tells its noise" in told
+    bias = np.sqrt(np.diag(result.calibration.accel.covariance))[:3]
+    np.testing.assert_allclose(bias, 1e-3 / np.sqrt(2.0), rtol=0.2)  # of two faces, by 1 mm/s² each
     more = _campaign(G * np.concatenate([six, _directions(2)]))
     (longer,) = more.recordings
     longer = eqx.tree_at(lambda r: r.reference_accel, longer, None)

@@ -57,6 +57,11 @@ def with_scatter(
     return eqx.tree_at(lambda e: e.scatter, estimator, np.asarray(float(scatter)))
 
 
+def noise_is_untold(dwells: Dwells, dof: int) -> bool:
+    """Whether neither samples tell the noise of a recording's means, each of one row, nor a misfit what they err by."""
+    return dof <= 0 and dwells.rows is not None and bool(np.all(np.asarray(dwells.count) <= 1.0))
+
+
 def chi2_per_dof(misfit: _Rows, sigma: _Rows, unknowns: int) -> float:
     """χ² of a misfit over its degrees of freedom; NaN where the noise is unknown or none are left."""
     dof = misfit.size - unknowns

@@ -6,10 +6,13 @@ from jaxtyping import Float
 from .._jax import eqx, jax
 from .._typing import AnyArray
 from ..calibration.calibration import Calibration, TriadCalibration
+from ..calibration.quantities import rms_text
+from ..estimators import NOMINAL_SIGMA
 from ..physics.directions import nearest_by_hand, up_in_words
 from ..physics.temperature import Constant
 from ..procedure.single_device import linearise, Problem
 from ..reduction.dwells import Dwells
+from .between_dwell_variance import noise_is_untold
 from .goodness_of_fit import ATTENTION, Finding, FINE, LIMITS
 from .results import TriadResult
 
@@ -69,7 +72,10 @@ def redundancy(
     rows, unknowns = np.asarray(estimate.misfit).size, np.asarray(triad.curve.coefficients).size
     if rows > unknowns:
         return None, None
-    text = f"{name}: {rows} equations tell {unknowns} parameters, so that nothing is left to test the fit by."
+    text = f"{name}: {rows} equations tell {unknowns} parameters, so that nothing is left to test the fit by"
+    if noise_is_untold(estimate.dwells, rows - unknowns):
+        text += f"; no row tells its noise either, and ± is for {rms_text(estimate.misfit_unit, NOMINAL_SIGMA)} in each"
+    text += "."
     return Finding("redundancy", ATTENTION, text), None
 
 

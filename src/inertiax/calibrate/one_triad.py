@@ -7,7 +7,7 @@ from jaxtyping import Bool, Float, Int
 
 from .._jax import eqx, jax, optx
 from ..data.recording import Rig
-from ..estimators import AbstractEstimator, ESTIMATORS
+from ..estimators import AbstractEstimator, ESTIMATORS, NOMINAL_SIGMA
 from ..model_selection.select_model import ChosenModel, polynomial_basis
 from ..model_selection.temperature_degree import biases_follow, choose_degree, SPARE, UNDETERMINED
 from ..physics.temperature import AbstractBasis
@@ -18,6 +18,7 @@ from ..reduction.dwells import Dwells
 from .between_dwell_variance import (
     chi2_per_dof,
     judged,
+    noise_is_untold,
     num_judged,
     with_provisional_scatter,
     with_scatter,
@@ -158,6 +159,8 @@ def _settled(
         if not np.all(np.isfinite(misfit)):
             raise ValueError(_failure(estimator, solution, dwells, method))
         settled = with_scatter(estimator, misfit, own_sigma, unknowns)
+        if noise_is_untold(dwells, misfit.size - unknowns):  # but for rounding
+            settled = eqx.tree_at(lambda e: e.scatter, settled, np.asarray(NOMINAL_SIGMA))
         if float(settled.scatter) == float(estimator.scatter):
             break
         estimator, before = settled, solution
