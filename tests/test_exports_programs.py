@@ -171,6 +171,11 @@ def test_a_device_name_cannot_leave_the_headers_comment():
 
 
 @pytest.mark.slow
+def test_a_precision_that_is_none_is_told_which_there_are():
+    with pytest.raises(ValueError, match="dtype = 'double': it is one of float32, float64"):
+        export(calibration(), "c", dtype="double")
+
+
 @pytest.mark.parametrize("dtype", ["float64", "float32"])
 def test_reloaded_stablehlo_equals_our_compensation(dtype):
     pytest.importorskip("flatbuffers", reason="flatbuffers is not installed")

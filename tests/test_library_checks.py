@@ -282,6 +282,8 @@ CASES = [
     ("run(nav.Attitude(np.zeros((5, 3)), 0.1))", "`Attitude(value=...)` has shape (5, 3)"),
     ("run(nav.Velocity(np.zeros((5, 3)), -1.0))", "`Velocity(sigma=...)` is -1"),
     ("run(nav.Position(np.zeros((5, 3)), 0.0))", "`Position(sigma=...)` is 0; it must be above 0"),
+    ("run(nav.Position(np.zeros((5, 3)), 1.0, gate=-1.0))", "`Position(gate=...)` is -1; it must be above 0"),
+    ("run(nav.Position(np.full((5, 3), np.nan), 1.0, np.ones(4, bool)))", "`Position(valid=...)` has shape (4,)"),
     ("run(nav.Position(np.zeros((5, 3)), [1.0, 1.0, 0.0]))", "`Position(sigma=...)` is 0; it must be above 0"),
     ("run(nav.Position(degrees, 1.0))", "`Position(value=...)` stays at 51.566, which is the origin's latitude"),
     ("run(nav.Position(degrees[:, [1, 0, 2]], 1.0))", "the origin's latitude in degrees; positions are metres"),

@@ -4,7 +4,7 @@ import inspect
 import json
 from collections.abc import Mapping
 from types import ModuleType
-from typing import Any
+from typing import Any, get_args
 
 import msgspec
 import numpy as np
@@ -69,6 +69,9 @@ def settings_of(module: ModuleType, given: Mapping[str, str | float | int]) -> A
     except msgspec.ValidationError as error:
         said, _, place = str(error).partition(" - at `$.")
         key = place.rstrip("`")
+        choices = get_args(fields[key].type)
+        if said.startswith("Invalid enum") and choices:
+            said = f"it is one of {', '.join(map(str, choices))}"
         raise WrongValue(f"{name}: {key} = {given[key]!r}: {said}.") from None
 
 

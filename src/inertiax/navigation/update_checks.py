@@ -15,8 +15,8 @@ NEAR_LATITUDE = 0.2
 
 
 def check_update(update: AbstractUpdate, frame: LevelFrame) -> None:
-    """Raise `ValueError` for a standard deviation that is not above zero, for rows that are no numbers, and for
-    positions that are no metres in the level frame, but degrees or Earth-centred."""
+    """Raise `ValueError` for a standard deviation that is not above zero, for a gate that is not, for rows that are no
+    numbers, and for positions that are no metres in the level frame, but degrees or Earth-centred."""
     name = type(update).__name__
     valid = None if update.valid is None or is_traced(update.valid) else np.asarray(update.valid)
     if not is_traced(update.sigma):
@@ -27,6 +27,15 @@ def check_update(update: AbstractUpdate, frame: LevelFrame) -> None:
             raise ValueError(
                 f"`{name}(sigma=...)` is {np.min(sigma):g}; it must be above 0: nothing is measured exactly."
             )
+    if update.gate is not None and not is_traced(update.gate) and not float(update.gate) > 0.0:
+        raise ValueError(
+            f"`{name}(gate=...)` is {float(update.gate):g}; it must be above 0, for no innovation's square is below: "
+            "16.3 leaves out one of a thousand good ones of three components."
+        )
+    if valid is not None and np.shape(valid) != np.shape(update.value)[:1]:
+        raise ValueError(
+            f"`{name}(valid=...)` has shape {np.shape(valid)}; it must be {np.shape(update.value)[:1]}."
+        )
     if not is_traced(update.value) and (update.valid is None or valid is not None):
         _check_numbers(name, np.asarray(update.value, float), valid)
     if isinstance(update, Position) and not is_traced(update.value):
