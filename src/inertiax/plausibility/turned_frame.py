@@ -5,9 +5,10 @@ small rotation $\rho$ of the accelerometers' frame against the gyros' leaves, to
 
 $$u_2 - U u_1 = ([u_2]_\times - U [u_1]_\times) \rho.$$
 
-A constant $\rho$ is a misalignment, which the calibration fits, as it fits the gyros' scale factors, whose columns
-stand beside it. One before and another one after some moment are compared with that by an F test at the best moment,
-times the number of moments (Bonferroni).
+A constant $\rho$ is a misalignment, which the calibration fits, as it fits the gyros' scale factors and the
+accelerometers' biases, which turn the directions that these read by as many milliradians as they have 0.01 m/s²: their
+columns stand beside it. One before and another one after some moment are compared with that by an F test at the best
+moment, times the number of moments (Bonferroni).
 """
 
 import math
@@ -33,19 +34,19 @@ def turned_frame(logs: tuple[Log, ...], motions: Motions, limits: Thresholds) ->
     count = motions.count
     if count < 2 * _SIDE:
         return []
-    right, design, scales = _rows(motions)
+    right, design, others = _rows(motions)
     later = np.zeros_like(design)
-    kept, _ = _fit(np.concatenate([scales, design], axis=2), right)
+    kept, _ = _fit(np.concatenate([others, design], axis=2), right)
     fits = {}
     for split in range(_SIDE, count - _SIDE + 1):
         later[:split], later[split:] = 0.0, design[split:]
-        fits[split] = _fit(np.concatenate([scales, design, later], axis=2), right)
+        fits[split] = _fit(np.concatenate([others, design, later], axis=2), right)
     at = min(fits, key=lambda k: fits[k][0])
     left, solution = fits[at]
-    freedom = 2 * count - 9  # two rows a motion: directions have no length
+    freedom = 2 * count - 12  # two rows a motion: directions have no length
     ratio = (kept - left) / 3.0 / max(left / freedom, 1e-300)
     chance = len(fits) * float(scipy.special.fdtrc(3, freedom, ratio))
-    change = solution[6:]
+    change = solution[9:]
     angle = float(np.linalg.norm(change))
     if chance > limits.turned_by_chance or angle < limits.turned_frame:
         return []
@@ -73,16 +74,19 @@ def turned_frame(logs: tuple[Log, ...], motions: Motions, limits: Thresholds) ->
 def _rows(
     motions: Motions,
 ) -> tuple[
-    Float[np.ndarray, "motion 3"], Float[np.ndarray, "motion 3 3"], Float[np.ndarray, "motion 3 3"]
+    Float[np.ndarray, "motion 3"], Float[np.ndarray, "motion 3 3"], Float[np.ndarray, "motion 3 6"]
 ]:
-    """What each motion misses of gravity's turn, and what a small rotation between the triads and the gyros' scale
-    factors change of that."""
+    """What each motion misses of gravity's turn, and what a small rotation between the triads changes of that, and the
+    gyros' scale factors with the accelerometers' biases."""
     turn, before = turned(motions.angle), motions.before
     ends = lambda by: np.einsum("mij,mj->mi", turned(motions.angle * by), before)
     missed = motions.after - np.einsum("mij,mj->mi", turn, before)
     pair = lambda k: (ends(1.0 + _STEP * np.eye(3)[k]) - ends(1.0 - _STEP * np.eye(3)[k])) / 2.0
     scales = np.stack([pair(k) / _STEP for k in range(3)], axis=2)
-    return missed, cross_matrix(motions.after) - turn @ cross_matrix(before), scales
+    across = lambda u: np.eye(3) - u[:, :, None] * u[:, None, :]
+    biases = across(motions.after) - turn @ across(before)
+    others = np.concatenate([scales, biases], axis=2)
+    return missed, cross_matrix(motions.after) - turn @ cross_matrix(before), others
 
 
 def _fit(
