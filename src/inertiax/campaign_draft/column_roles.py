@@ -67,6 +67,7 @@ class Roles(NamedTuple):
     reference_gyro: tuple[str, str, str] | None = None
     mag_by: str | None = None  # why a triad without a name is taken for magnetometers
     device: str | None = None  # labels under names of their own
+    device_by: str = "by its name"
     experiment: str | None = None
     unnamed: tuple[tuple[str, str, str], ...] = ()  # triads whose names say nothing
     probe_of_axis: bool = (

@@ -46,6 +46,7 @@ class RawLog(NamedTuple):
     texts: dict[
         str, tuple[str, ...]
     ] = {}  # columns of other text, which may be labels, each with its first words
+    labels: dict[str, Float[np.ndarray, " rows"]] = {}  # of those with few words, each as a number
     notes: array_notes.ArrayNotes = array_notes.NOTHING  # of a file of arrays
     aside: tuple[
         str, ...
@@ -154,7 +155,7 @@ def _from_table(
     words: dict[str, str] = {}
     for row in table.head(unit_rows).iter_rows(named=True):
         words |= {k: f"{words.get(k, '')} {v or ''}".strip() for k, v in row.items()}
-    body, numbers, stamps, texts = table.slice(unit_rows), {}, {}, {}
+    body, numbers, stamps, texts, labels = table.slice(unit_rows), {}, {}, {}, {}
     for column in body.get_columns():
         values = _numbers(column)
         if values is not None:
@@ -166,11 +167,14 @@ def _from_table(
             elif column.null_count() < len(column):
                 words_of = column.head(_FIRST_ROWS).drop_nulls().unique().head(_MOST_WORDS)
                 texts[column.name] = tuple(sorted(words_of.str.strip_chars()))
+                if len(words_of) < _MOST_WORDS:
+                    ranks = column.str.strip_chars().rank("dense").cast(pl.Float64)
+                    labels[column.name] = ranks.fill_null(0.0).to_numpy()
     if len(numbers) < len("xyz") and layout is not None:
         refuse_labels(texts, body.columns, layout, path)
     if not numbers:
         raise ValueError(f"{path.name}: no column of numbers in it; a log of an IMU is needed.")
-    return RawLog(path, format_name, layout, numbers, stamps, words, unit_rows, texts)
+    return RawLog(path, format_name, layout, numbers, stamps, words, unit_rows, texts, labels)
 
 
 def _numbers(column: pl.Series) -> Float[np.ndarray, " rows"] | None:
