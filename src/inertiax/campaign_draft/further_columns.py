@@ -65,6 +65,11 @@ def columns_table(lines: tuple[Line, ...], remarks: tuple[str, ...], found: RawT
         )
     if others:
         unread += (f"Not read: {_listed(others)}.",)
+    if again := log.names_again:
+        unread += (
+            f"The names stand again in line {', '.join(map(str, again))}, as where a logger was switched on again: "
+            "left out.",
+        )
     if aside := found.log.aside:
         more = f" and {len(aside) - _LISTED_ASIDE} more" if len(aside) > _LISTED_ASIDE else ""
         unread += (

@@ -20,6 +20,7 @@ _NUMERIC = 0.99  # of a column's rows hold numbers; the rest are dropouts for `c
 _MOST_UNIT_ROWS = 5
 _IMU_TK = ("time", "x", "y", "z")
 _FIRST_ROWS, _MOST_WORDS = 1000, 64  # of a column of text that are looked at
+_MOST_LISTED = 4  # lines
 _RATE = re.compile(
     r"(?:rate|\bfs\b|\bodr\b|freq\w*|hz)[^0-9a-z]{0,6}([0-9]+(?:\.[0-9]+)?)|([0-9]+(?:\.[0-9]+)?)\s*hz",
     re.IGNORECASE,
@@ -51,6 +52,8 @@ class RawLog(NamedTuple):
     aside: tuple[
         str, ...
     ] = ()  # triads of other lengths in the file, each by its first column and rows
+
+    names_again: tuple[int, ...] = ()  # lines below the header that are the header once more
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -133,7 +136,21 @@ def _read_one(path: Path, chosen: ModuleType) -> RawLog:
         names = _IMU_TK
     else:
         chosen = csv  # a text that is called as imu_tk's are
-    return _from_table(csv.read_table(path, names), path, chosen.NAME, layout)
+    log = _from_table(csv.read_table(path, names), path, chosen.NAME, layout)
+    return log._replace(names_again=_lines_of_names(text, layout))
+
+
+def _lines_of_names(text: bytes, layout: TextLayout) -> tuple[int, ...]:
+    """The first lines below the header that hold the names once more; the reader leaves them out."""
+    if layout.names is None or layout.header_line is None:
+        return ()
+    head = text[: layout.start].split(b"\n")
+    line = b"\n" + head[layout.header_line - 1].strip()
+    found, at = [], text.find(line, layout.start)
+    while at >= 0 and len(found) < _MOST_LISTED:
+        found.append(text.count(b"\n", 0, at) + 2)
+        at = text.find(line, at + len(line))
+    return tuple(found)
 
 
 def as_text(log: RawLog) -> RawLog:
