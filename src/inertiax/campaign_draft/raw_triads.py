@@ -13,6 +13,7 @@ from .clock import ALL_UNITS, Clock, clock_of
 from .column_roles import Roles, roles_of
 from .devices_in_rows import of_first_device, with_devices
 from .raw_log import as_text, RawLog, read_log, read_logs, unnamed
+from .vectornav import vectornav
 
 
 _LISTED = 4  # lengths in an error
@@ -112,6 +113,8 @@ def _read(path: Path, log: RawLog, gyro_path: Path | None) -> RawTriads:
         log = as_text(log)
         roles = roles_of(log)
     roles = with_devices(log, roles)
+    sentence = vectornav(log)
+    log = log if sentence is None else log._replace(words=sentence.units)
     log = _samples(of_first_device(log, roles.device), roles)
     accel, gyro = columns(log, roles.accel), columns(log, roles.gyro)
     clock = clock_of(log, roles.time, _rows(log), roles.temperature, accel)
