@@ -22,6 +22,7 @@ from .gyro_in_motion import check_gyro_in_motion
 from .gyro_rest import check_gyro_rest
 from .gyro_turns import check_gyro_turns
 from .idle_reference import check_idle_reference
+from .interleaved_devices import check_interleaved_devices
 from .mag_unit import check_mag_unit
 from .moving_label import check_moving_label
 from .no_rest import check_no_rest
@@ -73,6 +74,7 @@ CHECKS: tuple[Check, ...] = (
     check_processed_outputs,
     check_saturation,
     check_repeated_samples,
+    check_interleaved_devices,
     check_band_limit,
     check_converter,
 )
