@@ -11,6 +11,7 @@ from ..reduction.segments import Segments
 from .accel_unit import check_accel_unit
 from .azimuth import check_azimuth
 from .band_limit import check_band_limit
+from .brief_rests import check_brief_rests
 from .clock import check_clock
 from .converter import check_converter
 from .corrected_outputs import check_corrected_outputs
@@ -67,6 +68,7 @@ CHECKS: tuple[Check, ...] = (
     check_temperature,
     check_positions,
     check_no_rest,
+    check_brief_rests,
     check_rests,
     check_zero_jump,
     check_spikes,
