@@ -266,3 +266,30 @@ def test_a_calibration_that_holds_nothing_is_not_called_usable():
     quality = judge(result)
     assert result.calibration.accel is None
     assert quality.verdict == "doubtful" and "holds no parameter" in quality.answer
+
+
+@pytest.mark.parametrize("sentence", ["$VNIMU", "$VNYMR"])
+def test_sentences_of_vectornav_have_their_manuals_fields(tmp_path, sentence):
+    """UM001, registers 54 and 27: the field, in gauss, stands before the force; of $VNIMU nothing else does."""
+    rng = np.random.default_rng(2)
+    field = 0.05 * FORCE + 0.001 * rng.standard_normal(FORCE.shape)  # as large as the Earth's
+    angles, rest = np.zeros((ROWS, 3)), np.full((ROWS, 2), (24.3, 101.2))
+    before, behind = ((), rest.T) if sentence == "$VNIMU" else (angles.T, ())
+    rows = lines([sentence] * ROWS, *before, *field.T, *FORCE.T, *TURNS.T, *behind)
+    content = "".join(f"{row}*{k % 256:02X}\r\n" for k, row in enumerate(rows.splitlines()))
+    _, tables = drafted(tmp_path / "log.txt", content)
+    first = 1 if sentence == "$VNIMU" else 4
+    assert tables["recordings"]["names"][first : first + 9] == [
+        f"{k}_{a}" for k in ("mag", "accel", "gyro") for a in "xyz"
+    ]
+    assert tables["columns"]["accel"] == {"unit": "m/s^2"}
+    assert tables["columns"]["gyro"] == {"unit": "rad/s"}
+    assert ("temperature" in tables["columns"]) == (sentence == "$VNIMU")
+    assert ("own filter" in (tmp_path / "campaign.toml").read_text()) == (sentence == "$VNYMR")
+    read(tmp_path)
+
+
+def test_a_sentence_without_gravity_is_refused(tmp_path):
+    content = lines(["$VNYBA"] * ROWS, *np.zeros((3, ROWS)), *FORCE.T, *TURNS.T)
+    with pytest.raises(ValueError, match="VNYBA holds an acceleration from which .* log .VNIMU"):
+        drafted(tmp_path / "log.txt", content)

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hand_log_data import DEGREE, G, hand_log
+from hand_log_data import CANONICAL, DEGREE, draft, G, hand_log, written
 from inertiax.campaign_draft import draft_campaign
 from inertiax.campaign_draft.column_roles import roles_of
 from inertiax.campaign_draft.column_triads import triads_by_name
@@ -205,3 +205,19 @@ def test_a_name_that_stands_twice_is_not_guessed(tmp_path):
     said = r"column 'ax' stands more than once in the header; .*'ax \(1\)' or 'ax \(2\)'"
     with pytest.raises(ValueError, match=said):
         load_campaign(tmp_path)
+
+
+def test_names_that_stand_again_among_the_rows_are_left_out(tmp_path):
+    """A sketch prints its greeting and its names once more when its board is switched on again."""
+    time, accel, gyro = hand_log()
+    half = len(time) // 2
+    clock = np.round(1e3 * np.r_[time[:half], time[half:] - time[half]]) + 2000.0
+    path = written(tmp_path / "log.csv", (clock, accel / G, gyro / DEGREE), f"millis,{CANONICAL}")
+    lines = path.read_text().splitlines()
+    path.write_text("\n".join([*lines[: half + 1], "MPU ok", lines[0], *lines[half + 1 :]]) + "\n")
+    found = draft(path)["columns"]
+    assert found["time"] == {"name": "millis", "unit": "ms", "mend": True}
+    assert f"The names stand again in line {half + 3}" in (tmp_path / "campaign.toml").read_text()
+    (recording,) = load_campaign(tmp_path).recordings
+    assert recording.num_samples == len(time)
+    np.testing.assert_allclose(recording.accel, accel, rtol=2e-6, atol=2e-6)

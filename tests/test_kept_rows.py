@@ -143,3 +143,11 @@ def test_nothing_is_left_out_of_a_log_without_such_rows():
     found = kept_rows(table, ColumnMap(), Layout())
     assert found.mask is None and found.table is table
     assert found.among(table, table) is table
+
+
+def test_a_live_stream_leaves_out_names_that_stand_again(tmp_path):
+    lines = log(tmp_path / "b.csv", FEW).read_bytes().splitlines()
+    rows = TextRows(ColumnMap(), Layout(), "b.csv")
+    chunk = rows.read([*lines[:250], lines[0], *lines[250:]], last=True)
+    assert chunk is not None and chunk.garbled == [lines[0]]
+    np.testing.assert_allclose(chunk.time, TIME[:FEW], atol=1e-9)

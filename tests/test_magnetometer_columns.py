@@ -54,6 +54,14 @@ def test_init_names_the_columns_and_gaps_are_read(tmp_path):
     assert np.allclose(recording.mag[read], _outputs()[1][::4], rtol=0.0, atol=1e-10)
 
 
+@pytest.mark.parametrize("name, unit, scale", [("m{}_mG", "mgauss", 1e7), ("B{}_uT", "uT", 1e6)])
+def test_a_unit_behind_the_axis_is_no_part_of_the_name(tmp_path, name, unit, scale):
+    names = tuple(name.format(a) for a in "xyz")
+    found = draft_campaign(_log(tmp_path, names, scale), tmp_path)
+    listed = ", ".join(f'"{n}"' for n in names)
+    assert f'mag = {{ names = [{listed}], unit = "{unit}" }}' in found.text
+
+
 def test_columns_of_that_name_that_hold_no_numbers_are_left_alone(tmp_path):
     path = _log(tmp_path, ("mag_x", "mag_y", "mag_z"), 1e6)
     path.write_text(path.read_text("utf-8").replace(",,", ",none,none"), "utf-8")

@@ -10,7 +10,7 @@ from inertiax.data.campaign import load_campaign
 from inertiax.data.formats import ColumnMap
 from inertiax.data.formats.columns import time_scale, TimeColumn
 from inertiax.data.formats.long_logs import read_long
-from inertiax.data.formats.mended_stamps import can_be_mended, mended
+from inertiax.data.formats.mended_stamps import can_be_mended, full, mended
 from inertiax.exports.compensated_recording import compensate_file
 from inertiax.exports.compensated_stream import write_compensated
 from inertiax.fleet.reduce.columns import time_name
@@ -167,3 +167,28 @@ def test_pieces_have_the_stamps_of_the_whole(tmp_path):
     written_time = pl.read_csv(tmp_path / "out.csv")["time"].to_numpy()
     np.testing.assert_allclose(written_time, made["time"].to_numpy(), rtol=1e-15)
     assert (np.diff(written_time) > 0.0).all()
+
+
+@pytest.mark.parametrize(("bits", "tick", "unit"), [(32, 1e-6, "us"), (16, 1e-3, "ms")])
+def test_a_counter_that_is_full_once_goes_on_after_its_own_step(tmp_path, bits, tick, unit):
+    """Arduino's `micros()` after 71 minutes, and a counter of ms in 16 bits."""
+    true, _, accel, gyro = slipped()
+    ticks = np.round((true - true[len(true) // 2]) / tick) + 2.0**bits - 7.0
+    path = written(tmp_path / "log.csv", (accel / G, gyro / DEGREE), CANONICAL)
+    lines = path.read_text().splitlines()
+    stamps = [f"timer_{unit}", *(f"{t % 2.0**bits:.0f}" for t in ticks)]
+    path.write_text("\n".join(f"{t},{x}" for t, x in zip(stamps, lines)) + "\n")
+    found = draft(path)["columns"]["time"]
+    assert found == {"name": f"timer_{unit}", "unit": unit, "mend": True}
+    text = (tmp_path / "campaign.toml").read_text()
+    assert "CHECK time" not in text and "its counter is full at row" in text
+    (recording,) = load_campaign(tmp_path).recordings
+    np.testing.assert_allclose(np.diff(recording.time), np.diff(true), atol=2.1 * tick)
+
+
+def test_a_clock_that_goes_back_by_about_what_a_counter_holds_begins_anew():
+    """Ten steps off, it was none that was full."""
+    true = np.arange(3000) * 0.01
+    counts = np.r_[true[:1500] + 65.536 - 15.1, true[1500:] - 15.0]
+    assert not len(full(counts))
+    assert np.diff(mended(counts))[1499] == pytest.approx(0.25)

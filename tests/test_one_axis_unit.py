@@ -99,3 +99,17 @@ def test_a_fit_s_sign_is_called_wrong_where_it_alone_is():
     for size in (102.0, 0.102):
         text = f"axis y reads {size:.3g} times the truth; look at unit and range."
         assert mistakes(size) == mistakes(-size) == [("unit", text)]
+
+
+def test_a_reference_in_other_axes_is_no_unit_of_one_axis(tmp_path):
+    """North, east, down beside east, north, up: x and y hardly go with their references, and z goes against its own."""
+    rng = np.random.default_rng(1)
+    up = np.vstack([np.eye(3), -np.eye(3), [[1, 1, 0], [1, 1, 1], [1, 1, -1], [-1, 1, 1]]])
+    up = up / np.linalg.norm(up, axis=1)[:, None]
+    ideal = np.repeat(G * up, 50, axis=0)
+    output = ideal[:, [1, 0, 2]] * [1.0, 1.0, -1.0]
+    output = output + 0.001 * rng.standard_normal(output.shape)
+    campaign, toml = written(tmp_path, output, reference=ideal)
+    found = check_campaign(campaign).findings
+    assert [f.kind for f in found if f.severity == "error"] == ["axes"]
+    assert "x and y are exchanged and z is mirrored" in found[0].statement

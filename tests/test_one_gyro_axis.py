@@ -92,3 +92,21 @@ def test_two_axes_of_scales_of_their_own_are_told_as_no_more_than_a_contradictio
     assert (
         said.severity == "warning" and "no factor of one axis or two explains it" in said.statement
     )
+
+
+@pytest.mark.parametrize("kept, rate", [(0.88, 50.0), (1.0, 56.0)])
+def test_rows_that_are_fewer_than_their_rate_says_are_no_scale_of_one_axis(tmp_path, kept, rate):
+    """Lost here and there, or counted at another rate: each axis turns too little, and one by chance the least."""
+    rows = np.random.default_rng(6).random(len(TIME)) < kept
+    header = ",".join(f"{t}_{a}" for t in ("accel", "gyro") for a in "xyz")
+    outputs = np.hstack([ACCEL, GYRO])[rows]
+    np.savetxt(tmp_path / "log.csv", outputs, "%.6f", ",", header=header, comments="")
+    toml = f'[site]\ngravity = {G}\n[recordings]\nfiles = ["log.csv"]\n'
+    (tmp_path / "campaign.toml").write_text(f"{toml}[columns]\ntime = {{ rate = {rate} }}\n")
+    campaign = load_campaign(tmp_path)
+    (found,) = [f for f in check_campaign(campaign).findings if f.kind == "gyro_unit"]
+    assert "about all axes alike" in found.statement and "of them were lost" in found.statement
+    assert found.remedy is not None
+    told = float(found.remedy.split("rate = ")[1].split(" ")[0])
+    # Of the 75 rows of a motion 12 % are lost to 4 %, and few of them are the fast ones, which count.
+    assert told == pytest.approx(kept * 50.0, rel=0.05)

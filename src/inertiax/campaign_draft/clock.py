@@ -3,9 +3,9 @@
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
-from ..data.formats.mended_stamps import can_be_mended, mended, restarts
+from ..data.formats.mended_stamps import can_be_mended, full, mended, restarts
 from ..physics.vectors import angle_between
 from ..reduction.host_stamps import host_stamps, usual_rate
 from .column_words import LONG_TIME_UNITS, plain, said, TIME_UNITS
@@ -208,12 +208,15 @@ def _checked(name: str, unit: str | None, seconds: Float[np.ndarray, " rows"], w
         found = _checked(name, unit, mended(seconds), why)
         if found.name is None:
             return found
-        anew = restarts(seconds)
+        anew, counted_out = restarts(seconds), full(seconds)
         few, text = bad - len(anew), found.why
+        anew = np.setdiff1d(anew, counted_out)
         if few:
             text += f"; {few} stamps that repeat or go back are put between their neighbours"
+        if len(counted_out):
+            text += f"; its counter is full at row {_listed(counted_out)} and goes on from 0"
         if len(anew):
-            text += f"; it begins anew at row {', '.join(map(str, anew[:4]))}{' …' * (len(anew) > 4)}: what follows is "
+            text += f"; it begins anew at row {_listed(anew)}: what follows is "
             text += "put behind what was before"
         return found._replace(why=text, mend=True, certain=not len(anew))
     rate = (
@@ -240,3 +243,7 @@ def _checked(name: str, unit: str | None, seconds: Float[np.ndarray, " rows"], w
     often = 1.0 / usual if 0.0 < _ANEW * usual < 1.0 / rate else None
     shown = f"{rate:.4g} Hz" if often is None else f"{often:.4g} Hz between pauses"
     return Clock(name, unit, None, seconds, f"{why}: {shown}", True)
+
+
+def _listed(rows: Int[np.ndarray, " some"]) -> str:
+    return ", ".join(map(str, rows[:4])) + " …" * (len(rows) > 4)

@@ -37,6 +37,7 @@ from .mag_unit import in_earths_field, mag_unit
 from .raw_log import RawLog
 from .split_stamps import is_since_1970, split_stamps
 from .tagged_rows import refuse_tagged_rows
+from .vectornav import vectornav
 
 
 # Of columns whose names say nothing: offsets of MEMS parts are below 0.1 g, and hands that turn a device push by less.
@@ -67,6 +68,7 @@ class Roles(NamedTuple):
     reference_gyro: tuple[str, str, str] | None = None
     mag_by: str | None = None  # why a triad without a name is taken for magnetometers
     device: str | None = None  # labels under names of their own
+    device_by: str = "by its name"
     experiment: str | None = None
     unnamed: tuple[tuple[str, str, str], ...] = ()  # triads whose names say nothing
     probe_of_axis: bool = (
@@ -85,6 +87,10 @@ def roles_of(log: RawLog, only: str | None = None) -> Roles:
         means("time", log.names[0]) and _is_one_array(log.names[1:])
     )
     named = log.has_header and log.format != "imu_tk" and not array
+    sentence = vectornav(log)
+    if sentence is not None:
+        mag, accel, gyro = map(sentence.triad, ("mag", "accel", "gyro"))
+        return Roles(None, accel, gyro, sentence.temperature, None, sentence.notes, mag)
     roles = _by_name(log) if named else _by_numbers(log, only)
     if only is None:
         roles = _as_the_file_is_called(log, roles)

@@ -15,6 +15,8 @@ Role = Literal[
     "temperature", "surroundings", "position", "experiment", "device",
 ]  # fmt: skip
 
+# A field's letter before the unit that stands behind its axis: mx_mG, Bx_uT. "b" and "h" in mg are a body's force.
+_FIELD = r"^[mbh]_(?:[unmµμ]t|m?gauss)_x$|^m_mg_x$"
 _NUMBER = r"s?(?:[_ .-]*(?:id|no|nr|num|numb?er|nummer|numero|index|#))?[_ .-]*$"
 
 WORDS: dict[Role, dict[str, str]] = {
@@ -40,7 +42,7 @@ WORDS: dict[Role, dict[str, str]] = {
         "ko": r"각속|자이로",
     },
     "mag": {
-        "any": r"^[mbh][_ .-]?x$|^mf_x$",
+        "any": rf"^[mbh][_ .-]?x$|^mf_x$|{_FIELD}",
         "en": r"mag|compass",
         "de": r"kompass",
         "fr": r"boussole|champ",
@@ -51,7 +53,8 @@ WORDS: dict[Role, dict[str, str]] = {
         "ko": r"자기",
     },
     "other": {  # triads that are no outputs of an IMU's sensors
-        "any": r"mag|^[mb][_ .-]?x|^(?:h|mf)_x$|euler|quat|pos|cov|bias|ref|(?<![a-z])(?:std|stdev|sigma|var)(?![a-z])",
+        "any": r"mag|^[mb][_ .-]?x|^(?:h|mf)_x$|euler|quat|pos|cov|bias|ref|(?<![a-z])(?:std|stdev|sigma|var)(?![a-z])|"
+        + _FIELD,
         "en": r"orient|free_?acc|user_?acc|linear acc|^gravity|ang\w*[_ .-]?acc|compass",
         "de": r"lineare?[_ .-]?beschl|winkelbeschl|^schwerkraft|kompass|(?<![a-z])lage|soll",
         "fr": r"acc\w*[_ .-]*(?:lin|ang)|^gravite|boussole|champ|consigne",

@@ -34,10 +34,12 @@ def columns_table(lines: tuple[Line, ...], remarks: tuple[str, ...], found: RawT
     rows.
     """
     roles, log = found.roles, found.log
-    lines = (*lines, *_label_lines(roles))
     remarks = (*remarks, *roles.notes)
     if not log.has_header or log.format == "imu_tk":
+        if roles.device is not None:
+            remarks = (*remarks, f"{roles.device}: the device; {roles.device_by}")
         return Table("columns", lines, remarks)  # `[recordings] names` lists all of them
+    lines = (*lines, *_label_lines(roles))
     read = {name for line in lines for name in _named(line.value)}
     read |= {n for note in roles.notes for n in log.names if n in note}
     names = (*log.texts, *log.stamps, *log.names)
@@ -63,6 +65,11 @@ def columns_table(lines: tuple[Line, ...], remarks: tuple[str, ...], found: RawT
         )
     if others:
         unread += (f"Not read: {_listed(others)}.",)
+    if again := log.names_again:
+        unread += (
+            f"The names stand again in line {', '.join(map(str, again))}, as where a logger was switched on again: "
+            "left out.",
+        )
     if aside := found.log.aside:
         more = f" and {len(aside) - _LISTED_ASIDE} more" if len(aside) > _LISTED_ASIDE else ""
         unread += (
@@ -74,8 +81,11 @@ def columns_table(lines: tuple[Line, ...], remarks: tuple[str, ...], found: RawT
 
 def _label_lines(roles: Roles) -> list[Line]:
     """Lines for devices and experiments whose columns are not called so."""
-    said = (("device", roles.device), ("experiment", roles.experiment))
-    return [Line(key, name, "by its name") for key, name in said if name not in (None, key)]
+    said = (
+        ("device", roles.device, roles.device_by),
+        ("experiment", roles.experiment, "by its name"),
+    )
+    return [Line(key, name, why) for key, name, why in said if name not in (None, key)]
 
 
 def _named(value: object) -> list[str]:

@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from .clock import ALL_UNITS, Clock
+from .devices_in_rows import of_first_device
 from .raw_log import RawLog, read_logs
 from .raw_triads import columns, in_rows, RawTriads
 
@@ -15,8 +16,11 @@ from .raw_triads import columns, in_rows, RawTriads
 _APART = 30
 
 
-def alike(log: RawLog, others: Sequence[Path]) -> tuple[RawLog, ...]:
-    """The further recordings. Raises `ValueError` where one lacks a column of numbers that the first one has."""
+def alike(log: RawLog, others: Sequence[Path], device: str | None = None) -> tuple[RawLog, ...]:
+    """The further recordings; where rows of several devices alternate, by the column `device`, those of one.
+
+    Raises `ValueError` where one lacks a column of numbers that the first one has.
+    """
     wanted = {*log.stamps, *log.names}
     found = []
     for path in others:
@@ -31,7 +35,7 @@ def alike(log: RawLog, others: Sequence[Path]) -> tuple[RawLog, ...]:
                 "logs of the same columns together, a table's own logs as --table FILE, which goes before each of "
                 "them, a temperature's as --temperature FILE, and the others a campaign of their own."
             )
-    return tuple(found)
+    return tuple(of_first_device(other, device) for other in found)
 
 
 def followed_by(first: RawTriads, others: Sequence[RawLog]) -> RawTriads:
@@ -42,6 +46,7 @@ def followed_by(first: RawTriads, others: Sequence[RawLog]) -> RawTriads:
     log = first.log._replace(
         numbers={n: np.concatenate([x.numbers[n] for x in logs]) for n in first.log.numbers},
         stamps={n: np.concatenate([x.stamps[n] for x in logs]) for n in first.log.stamps},
+        labels={},  # other files may number other words
         texts={
             n: tuple(sorted({w for x in logs for w in x.texts.get(n, ())})) for n in first.log.texts
         },

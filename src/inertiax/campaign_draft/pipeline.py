@@ -109,7 +109,7 @@ def draft_campaign(
         why = "`inertiax compensate` wrote it: the compensated columns are taken, which have canonical names and SI"
         return draft_of(log, (site, Table("recordings", (Line("files", paths, why),))))
     found = read_triads(log, gyro)
-    further = alike(found.log, others)
+    further = alike(found.log, others, found.roles.device)
     each = beside_each(found, further, tables) if tables else ()
     if each:
         found, further = each[0][0], tuple(one.log for one, _ in each[1:])

@@ -20,6 +20,7 @@ _NUMERIC = 0.99  # of a column's rows hold numbers; the rest are dropouts for `c
 _MOST_UNIT_ROWS = 5
 _IMU_TK = ("time", "x", "y", "z")
 _FIRST_ROWS, _MOST_WORDS = 1000, 64  # of a column of text that are looked at
+_MOST_LISTED = 4  # lines
 _RATE = re.compile(
     r"(?:rate|\bfs\b|\bodr\b|freq\w*|hz)[^0-9a-z]{0,6}([0-9]+(?:\.[0-9]+)?)|([0-9]+(?:\.[0-9]+)?)\s*hz",
     re.IGNORECASE,
@@ -46,10 +47,13 @@ class RawLog(NamedTuple):
     texts: dict[
         str, tuple[str, ...]
     ] = {}  # columns of other text, which may be labels, each with its first words
+    labels: dict[str, Float[np.ndarray, " rows"]] = {}  # of those with few words, each as a number
     notes: array_notes.ArrayNotes = array_notes.NOTHING  # of a file of arrays
     aside: tuple[
         str, ...
     ] = ()  # triads of other lengths in the file, each by its first column and rows
+
+    names_again: tuple[int, ...] = ()  # lines below the header that are the header once more
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -132,7 +136,21 @@ def _read_one(path: Path, chosen: ModuleType) -> RawLog:
         names = _IMU_TK
     else:
         chosen = csv  # a text that is called as imu_tk's are
-    return _from_table(csv.read_table(path, names), path, chosen.NAME, layout)
+    log = _from_table(csv.read_table(path, names), path, chosen.NAME, layout)
+    return log._replace(names_again=_lines_of_names(text, layout))
+
+
+def _lines_of_names(text: bytes, layout: TextLayout) -> tuple[int, ...]:
+    """The first lines below the header that hold the names once more; the reader leaves them out."""
+    if layout.names is None or layout.header_line is None:
+        return ()
+    head = text[: layout.start].split(b"\n")
+    line = b"\n" + head[layout.header_line - 1].strip()
+    found, at = [], text.find(line, layout.start)
+    while at >= 0 and len(found) < _MOST_LISTED:
+        found.append(text.count(b"\n", 0, at) + 2)
+        at = text.find(line, at + len(line))
+    return tuple(found)
 
 
 def as_text(log: RawLog) -> RawLog:
@@ -154,7 +172,7 @@ def _from_table(
     words: dict[str, str] = {}
     for row in table.head(unit_rows).iter_rows(named=True):
         words |= {k: f"{words.get(k, '')} {v or ''}".strip() for k, v in row.items()}
-    body, numbers, stamps, texts = table.slice(unit_rows), {}, {}, {}
+    body, numbers, stamps, texts, labels = table.slice(unit_rows), {}, {}, {}, {}
     for column in body.get_columns():
         values = _numbers(column)
         if values is not None:
@@ -166,11 +184,14 @@ def _from_table(
             elif column.null_count() < len(column):
                 words_of = column.head(_FIRST_ROWS).drop_nulls().unique().head(_MOST_WORDS)
                 texts[column.name] = tuple(sorted(words_of.str.strip_chars()))
+                if len(words_of) < _MOST_WORDS:
+                    ranks = column.str.strip_chars().rank("dense").cast(pl.Float64)
+                    labels[column.name] = ranks.fill_null(0.0).to_numpy()
     if len(numbers) < len("xyz") and layout is not None:
         refuse_labels(texts, body.columns, layout, path)
     if not numbers:
         raise ValueError(f"{path.name}: no column of numbers in it; a log of an IMU is needed.")
-    return RawLog(path, format_name, layout, numbers, stamps, words, unit_rows, texts)
+    return RawLog(path, format_name, layout, numbers, stamps, words, unit_rows, texts, labels)
 
 
 def _numbers(column: pl.Series) -> Float[np.ndarray, " rows"] | None:

@@ -11,7 +11,9 @@ from ..data.pairing import pair
 from ..data.recording import Recording
 from .clock import ALL_UNITS, Clock, clock_of
 from .column_roles import Roles, roles_of
+from .devices_in_rows import of_first_device, with_devices
 from .raw_log import as_text, RawLog, read_log, read_logs, unnamed
+from .vectornav import vectornav
 
 
 _LISTED = 4  # lengths in an error
@@ -110,7 +112,10 @@ def _read(path: Path, log: RawLog, gyro_path: Path | None) -> RawTriads:
     if log.format == imu_tk.NAME and roles.accel is None:
         log = as_text(log)
         roles = roles_of(log)
-    log = _samples(log, roles)
+    roles = with_devices(log, roles)
+    sentence = vectornav(log)
+    log = log if sentence is None else log._replace(words=sentence.units)
+    log = _samples(of_first_device(log, roles.device), roles)
     accel, gyro = columns(log, roles.accel), columns(log, roles.gyro)
     clock = clock_of(log, roles.time, _rows(log), roles.temperature, accel)
     if gyro_path is None:
@@ -162,7 +167,7 @@ def _only(log: RawLog, rows: Bool[np.ndarray, " rows"]) -> RawLog:
     if rows.all():
         return log
     only = lambda columns: {n: v[rows] for n, v in columns.items()}
-    return log._replace(numbers=only(log.numbers), stamps=only(log.stamps))
+    return log._replace(numbers=only(log.numbers), stamps=only(log.stamps), labels=only(log.labels))
 
 
 def in_rows(
@@ -184,6 +189,7 @@ def given_names(log: RawLog, roles: Roles) -> tuple[str, ...] | None:
     if log.has_header or log.format == "imu_tk":
         return None
     new = {} if roles.time is None else {roles.time: "time"}
+    new |= {} if roles.device is None else {roles.device: "device"}
     for key, triad in (("accel", roles.accel), ("gyro", roles.gyro), ("mag", roles.mag)):
         new |= {} if triad is None else {n: f"{key}_{a}" for n, a in zip(triad, "xyz", strict=True)}
     assert log.layout is not None  # only a text has no names of its own

@@ -51,6 +51,7 @@ class TextRows:
         self._count = 0
         self._last: dict[str, str | None] = {}  # of each probe
         self._left_out = layout.start_row  # rows still to be left out at the start
+        self._names_line: bytes | None = None  # as it stands in the file
         self._header: list[bytes] | None = None  # lines above the data that nobody took yet
 
     def afresh(self) -> "TextRows":
@@ -84,6 +85,8 @@ class TextRows:
         self._layout = find_layout(data, self._name, self._said.header_line)
         self._names = column_names(self._layout, self._said.said_names, self._name)
         above = data[: self._layout.start].count(b"\n")
+        number = self._layout.header_line
+        self._names_line = None if number is None else self._waiting[number - 1].strip()
         self._header, below = self._waiting[:above], self._waiting[above:]
         self._waiting = []
         return below
@@ -130,6 +133,7 @@ class TextRows:
         good, garbled = [], []
         for line in lines:
             whole = count(line) >= layout.width and not line.lstrip().startswith(_COMMENTS)
+            whole = whole and line.strip() != self._names_line  # after a restart
             (good if whole else garbled).append(line)
         return good, garbled
 

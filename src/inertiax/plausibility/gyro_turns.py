@@ -106,6 +106,10 @@ def _judge(
     apart = axis_factor(motions, given, limits)
     # An exchange may come near what an axis of half or twice the scale does; each has a choice or two to itself.
     if apart is not None and (best is None or _MUCH_LESS * apart.misfit < best.misfit):
+        if _alike(motions)[1] < apart.misfit:  # one factor for all has no choice of axes to itself
+            told = _small_factor(device, logs, motions, limits)
+            if told:
+                return told
         return [one_axis_finding(device, _names(logs), motions, given, apart, limits)]
     if best is None:
         # The stillest stretches of a device that moves all along are no rests.
@@ -236,24 +240,38 @@ def _small_factor(
     """A common scale factor of all gyros (or of the clock) that no sensor has."""
     if motions.count < 2 * limits.fewest_motions:
         return []
-    factor = _refined(motions, _Best(1.0, IDENTITY, 0.0, 0.0))
+    factor, better = _alike(motions)
     given = float(score(misfit_as_given(motions)))
-    better = float(score(misfit_as_given(motions, factor)))
     if abs(factor - 1.0) < limits.rate_off or better > 0.6 * given or given < 0.03:
         return []
+    counted = remedies.rate(device.columns)
+    said, remedy = "look at the clock, and at the gyros' range or scale", None
+    if counted is not None:
+        few = factor > 1.0
+        rows = f"{1.0 - 1.0 / factor:.0%} of them were lost" if few else "some are doubled"
+        said = f"rows are counted at {counted:g} Hz, and {counted / factor:.4g} Hz would agree: that is their rate, or "
+        said += f"{rows}, which no rate mends, or the gyros' scale is wrong"
+        remedy = remedies.rows_at(counted / factor)
     return [
         finding(
             "gyro_unit",
             "warning",
             "gyro",
             f"{_names(logs)}: the integrated rates turn {1 / factor:.3g} times as far as gravity does in "
-            f"{_counted(motions, limits)}, about all axes alike: look at the clock, and at the gyros' range or scale.",
+            f"{_counted(motions, limits)}, about all axes alike: {said}.",
+            remedy=remedy,
             ratio=1.0 / factor,
             pairs=motions.count,
             misfit=float(better),
             as_given=float(given),
         )
     ]
+
+
+def _alike(motions: Motions) -> tuple[float, float]:
+    """The factor of all gyros that explains the motions best, and what it leaves, rad."""
+    factor = _refined(motions, _Best(1.0, IDENTITY, 0.0, 0.0))
+    return factor, float(score(misfit_as_given(motions, factor)))
 
 
 def _single_motions(logs: tuple[Log, ...], motions: Motions, limits: Thresholds) -> list[Finding]:

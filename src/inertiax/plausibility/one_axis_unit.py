@@ -18,6 +18,9 @@ _ROUND = 0.05  # rms of |a|/g − 1 that an ellipsoid may leave: misalignments a
 _SPREAD = (
     0.2  # of an axis' range, relative to its largest: below, a reference does not tell the slope
 )
+# Of an axis' variance over the rests that goes with its reference: all of it in any unit, but for rests that stand
+# otherwise than the reference says. Exchanged axes have none where the attitudes are spread.
+_FOLLOWS = 0.5
 
 
 def check_one_axis(device: DeviceLogs, limits: Thresholds) -> list[Finding]:
@@ -86,7 +89,8 @@ def _factor(device: DeviceLogs, unit: str | None, ratio: float) -> float:
 def _by_reference(
     output: Float[np.ndarray, "rest 3"], ideal: Float[np.ndarray, "rest 3"]
 ) -> Float[np.ndarray, "3"] | None:
-    """Slope of each axis over its reference, without units; `None` where a reference hardly changes."""
+    """Slope of each axis over its reference, without units; `None` where a reference hardly changes, or an axis does
+    not follow its own, as where axes are exchanged."""
     told = np.any(ideal, axis=1)
     output, ideal = output[told], ideal[told]
     size = np.abs(ideal).max(initial=0.0)
@@ -94,7 +98,9 @@ def _by_reference(
         return None
     away = ideal - ideal.mean(axis=0)
     slope = np.sum(away * output, axis=0) / np.sum(away**2, axis=0)
-    return np.abs(slope) if np.all(slope != 0.0) else None
+    whole = np.sum((output - output.mean(axis=0)) ** 2, axis=0)
+    follows = slope**2 * np.sum(away**2, axis=0) > _FOLLOWS * whole
+    return np.abs(slope) if follows.all() else None
 
 
 def _by_ellipsoid(

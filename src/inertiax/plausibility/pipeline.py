@@ -11,6 +11,7 @@ from ..reduction.segments import Segments
 from .accel_unit import check_accel_unit
 from .azimuth import check_azimuth
 from .band_limit import check_band_limit
+from .brief_rests import check_brief_rests
 from .clock import check_clock
 from .converter import check_converter
 from .corrected_outputs import check_corrected_outputs
@@ -22,6 +23,7 @@ from .gyro_in_motion import check_gyro_in_motion
 from .gyro_rest import check_gyro_rest
 from .gyro_turns import check_gyro_turns
 from .idle_reference import check_idle_reference
+from .interleaved_devices import check_interleaved_devices
 from .mag_unit import check_mag_unit
 from .moving_label import check_moving_label
 from .no_rest import check_no_rest
@@ -66,6 +68,7 @@ CHECKS: tuple[Check, ...] = (
     check_temperature,
     check_positions,
     check_no_rest,
+    check_brief_rests,
     check_rests,
     check_zero_jump,
     check_spikes,
@@ -73,6 +76,7 @@ CHECKS: tuple[Check, ...] = (
     check_processed_outputs,
     check_saturation,
     check_repeated_samples,
+    check_interleaved_devices,
     check_band_limit,
     check_converter,
 )

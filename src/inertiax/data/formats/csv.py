@@ -155,6 +155,7 @@ def parse_rows(data: bytes, layout: TextLayout, names: tuple[str, ...], where: s
             f"{where}: {len(names)} column names {shown(names)} but {table.width} columns of data{elsewhere}."
         )
     table.columns = list(names)
+    table = without_header_again(table, layout.names)
     blank = pl.all_horizontal(
         pl.nth(0).str.strip_chars().fill_null("") == "", pl.nth(*range(1, table.width)).is_null()
     )
@@ -208,6 +209,18 @@ def _without_empty_ends(table: pl.DataFrame, width: int) -> pl.DataFrame:
     while table.width > width and (table.to_series(-1).fill_null("").str.strip_chars() == "").all():
         table = table[:, :-1]
     return table
+
+
+def without_header_again(table: pl.DataFrame, header: tuple[str, ...] | None) -> pl.DataFrame:
+    """The rows without those that hold the names once more: what a logger prints that is switched on again."""
+    if header is None:
+        return table
+    again = table.to_series(0).str.strip_chars() == header[0]
+    for column, name in zip(table.get_columns()[1:], header[1:]):
+        if not again.any():
+            return table
+        again &= column.fill_null("").str.strip_chars() == name
+    return table.filter(~again.fill_null(False))
 
 
 def _without_remarks(table: pl.DataFrame) -> pl.DataFrame:

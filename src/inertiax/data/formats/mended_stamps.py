@@ -12,6 +12,11 @@ BESIDE = 5  # rows on each side that tell a clock that begins anew from a stamp 
 # Usual steps between what a clock that begins anew parts: how long it stood is not known, so that neither a rest nor a
 # motion may go on across; longer than the pause that ends both.
 _PAUSE = 25.0
+# What counters of clocks hold, and their ticks in s (ms, an MTi's 0.1 ms, µs, ns).
+_FULL = tuple(2.0**bits * tick for bits in (16, 24, 32) for tick in (1e-3, 1e-4, 1e-6, 1e-9))
+# Usual steps that are left where a counter is full: stamps jitter, and a row or two may be missing there, too. That a
+# clock which begins anew within an hour leaves as little by chance has, at 100 Hz, odds of 1 in 10^5.
+_LEFT = (0.5, LATE)
 
 
 def restarts(time: Float[np.ndarray, " rows"]) -> Int[np.ndarray, " restarts"]:
@@ -26,16 +31,37 @@ def restarts(time: Float[np.ndarray, " rows"]) -> Int[np.ndarray, " restarts"]:
 
 def _joined(time: Float[np.ndarray, " rows"]) -> Float[np.ndarray, " rows"]:
     """The stamps with what follows a restart behind what was before it: after a pause, or after the usual step where
-    the clock goes back by as much each time, as a counter does that is full."""
+    a counter was full: of a number of ticks that counters hold, or by as much each time."""
     rows = restarts(time)
     if not len(rows):
         return time
     steps = np.diff(time)
     usual, back = np.median(steps), steps[rows - 1]
-    full = len(rows) > 1 and np.ptp(back) < LATE * usual
+    alike = len(rows) > 1 and np.ptp(back) < LATE * usual
+    held = _held(time, rows)
     later = np.zeros(len(time))
-    later[rows] = (1.0 if full else _PAUSE) * usual - back
+    later[rows] = np.where(held > 0.0, held, (1.0 if alike else _PAUSE) * usual - back)
     return time + np.cumsum(later)
+
+
+def full(time: Float[np.ndarray, " rows"]) -> Int[np.ndarray, " some"]:
+    """Those of the rows before which a clock goes back (`restarts`) where a counter was full: of 2^16, 2^24 or 2^32
+    ticks, so that a usual step is left."""
+    rows = restarts(time)
+    return rows[_held(time, rows) > 0.0]
+
+
+def _held(
+    time: Float[np.ndarray, " rows"], rows: Int[np.ndarray, " restarts"]
+) -> Float[np.ndarray, " restarts"]:
+    """What the counter holds that is full before each of the rows, s; 0 where none is."""
+    if not len(rows):
+        return np.zeros(0)
+    usual, back = np.median(np.diff(time)), np.diff(time)[rows - 1]
+    counters = np.array([f for f in _FULL if np.ptp(time) < f])
+    left = (counters + back[:, None]) / usual
+    fits = (left > _LEFT[0]) & (left < _LEFT[1])
+    return np.where(fits, counters, 0.0).max(axis=1, initial=0.0)
 
 
 def out_of_order(time: Float[np.ndarray, " rows"]) -> Bool[np.ndarray, " rows"]:
@@ -61,8 +87,8 @@ def mended(time: Float[np.ndarray, " rows"], where: str = "the log") -> Float[np
     """The stamps, strictly increasing: those out of order on the straight line between the others, over the row number.
 
     Behind the last that is in order they go on with the usual step. A clock that begins anew goes on after a pause
-    of 25 steps, a counter that begins anew when it is full after one. Raises `ValueError`, which names `where` they
-    stand, where they are not few, or go back too far, as `can_be_mended` has it.
+    of 25 steps, a counter that begins anew when it is full by what it holds. Raises `ValueError`, which names `where`
+    they stand, where they are not few, or go back too far, as `can_be_mended` has it.
 
     ```python
     mended(np.array([0.0, 1.0, 1.0, 3.0, 4.0]))  # 0, 1, 2, 3, 4
