@@ -7,6 +7,7 @@ from jaxtyping import Float, Int
 _BEYOND_NOISE = (
     4.0  # standard deviations, by which a turn shortens a mean more than noise does (convention)
 )
+_NO_REST = 0.01  # a direction that scatters by 8° rms, or outputs that are noise: no rest whose length is known
 _FEWEST = 4  # samples of a part, whose mean has an eighth of a sample's variance across at most
 _MOST_PARTS = 32  # of a rest: what turns within one of these shortens its mean by a thousandth of what it does to all
 
@@ -58,4 +59,5 @@ def shortening(
     turned = longer - by_noise
     # Two channels across and P parts are 2 (P - 1) degrees of freedom, of which χ² scatters by one in √(P - 1).
     seen = turned > _BEYOND_NOISE * by_noise / np.sqrt(np.maximum(parts - 1, 1))
-    return np.where(seen & (parts > 1) & (length > 0.0), turned / kept, 0.0)
+    seen &= (parts > 1) & (turned < _NO_REST * length)
+    return np.where(seen, turned / kept, 0.0)

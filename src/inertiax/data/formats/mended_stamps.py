@@ -55,9 +55,10 @@ def _held(
     time: Float[np.ndarray, " rows"], rows: Int[np.ndarray, " restarts"]
 ) -> Float[np.ndarray, " restarts"]:
     """What the counter holds that is full before each of the rows, s; 0 where none is."""
-    if not len(rows):
-        return np.zeros(0)
-    usual, back = np.median(np.diff(time)), np.diff(time)[rows - 1]
+    usual = np.median(np.diff(time)) if len(rows) else 0.0
+    if not usual > 0.0:  # most stamps stand still
+        return np.zeros(len(rows))
+    back = np.diff(time)[rows - 1]
     counters = np.array([f for f in _FULL if np.ptp(time) < f])
     left = (counters + back[:, None]) / usual
     fits = (left > _LEFT[0]) & (left < _LEFT[1])
