@@ -19,6 +19,7 @@ from ...reduction.device_segments import of_one_device
 from ...reduction.dwells import is_told
 from ...reduction.held_rests import variance_by_parts
 from ...reduction.known_moves import take_moves
+from ...reduction.mean_noise import converter_steps
 from ...reduction.positionings import attitudes
 from ...reduction.segments import joined, rests_are_searched, segment_each, Segments
 from .without_earth import earth_taken_away
@@ -27,6 +28,8 @@ from .without_earth import earth_taken_away
 MOST_BLOCKS = 1600
 PER_DWELL = 6  # blocks wanted in a dwell
 FEWEST_SAMPLES = 4  # in a block
+# Changes of a channel from row to row from which they tell its step: more than such logs have rests (convention).
+FEWEST_CHANGES = 200
 # Times the usual variance of a dwell, on every axis, from which it is shaken: an amplitude of ten. Steps of a converter
 # make variances of quiet dwells differ by less, and not on all axes at once. Convention.
 SHAKEN = 100.0
@@ -339,6 +342,7 @@ def _white(
     """
     if values is None:
         return None
+    steps = _steps(values)
     values = values if reference is None else values - reference
     count = stop - start
     mean = block_mean(values, start, stop)
@@ -358,12 +362,21 @@ def _white(
         pooled[group] = _pooled(scatter[group], count[group] - 1, dwell[group])
     if move.any():
         pooled[move] = np.median(pooled[kind == 0], axis=0)
+    # A rounded sample errs by that, though outputs that stand still at rest show none of it.
+    pooled = np.maximum(pooled, np.square(steps) / 12.0)
     floor = 1e-30 + 1e-12 * pooled.max()
     white = np.maximum(pooled, floor) / count[:, None]
     by_hand = np.flatnonzero(held)
     of_parts = variance_by_parts(values, start[by_hand], stop[by_hand])
     white[by_hand] = np.maximum(white[by_hand], of_parts)
     return white
+
+
+def _steps(values: np.ndarray) -> np.ndarray:
+    """The converter's step of each axis; 0 where none shows, as in values without noise that change from rest to rest
+    alone."""
+    changes = np.count_nonzero(np.diff(values, axis=0), axis=0)
+    return np.where(changes >= FEWEST_CHANGES, converter_steps(values), 0.0)
 
 
 def _pooled(
