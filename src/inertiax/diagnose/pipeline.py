@@ -50,6 +50,7 @@ from .residuals import residuals
 from .result import Diagnosis, Quality, with_findings
 from .selection.score_test import whiten_system
 from .selection.verdict import Answer, Named
+from .turned_mount import turned, with_turn, with_unheld, without_turned
 from .wording.delay_report import explain_delay, ramp_places, stored, with_delays
 from .wording.explain import explain, formula
 from .wording.line_report import (
@@ -108,9 +109,11 @@ def diagnose_campaign(
         ]
         sentences = tuple(s for a in (again, further) if a is not None for s in a.sentences)
         against = contradicted(problem.plain)
-        findings = unnamed(findings, against)
+        slipped = turned(found_odd)
+        findings = without_turned(unnamed(findings, against), slipped)
         found, named = conclude_findings(findings, effects, progress)
         found = with_contradiction(found, against, seen)
+        found = with_turn(found, slipped, findings, seen)
         if sentences:
             said = " ".join((found.summary, *sentences))
             found = replace(found, summary=said, notes=(*found.notes, *sentences))
@@ -145,7 +148,8 @@ def _calibrated(
     plain = problem.plain.calibration
     found = replace(found, estimate=problem.plain)
     if found.verdict == "consistent":
-        return _with_scatter(found, problem.plain), plain
+        unheld = with_unheld(found, problem.plain, findings, problem.campaign)
+        return (_with_scatter(found, problem.plain) if unheld is found else unheld), plain
     if found.verdict != "missing-physics":
         return found, plain
     log = problem.log
