@@ -26,10 +26,11 @@ def unnamed(findings: Sequence[Finding], said: Contradiction | None) -> list[Fin
     """The findings without what rests tell of contradicted gyros."""
     if said is None:
         return list(findings)
-    return [_silent(f) if f.prepared.form.triad == CHANNEL else f for f in findings]
+    return [silenced(f) if f.prepared.form.triad == CHANNEL else f for f in findings]
 
 
-def _silent(found: Finding) -> Finding:
+def silenced(found: Finding) -> Finding:
+    """A finding without anything that it names or leaves unexplained."""
     answer = replace(
         found.answer,
         verdict="consistent",
@@ -50,7 +51,13 @@ def with_contradiction(
         return found
     places = tuple(
         Where(
-            CHANNEL, _experiment(campaign, began), began, ended, "rate", rad / (ended - began), 0.0
+            CHANNEL,
+            experiment_at(campaign, began),
+            began,
+            ended,
+            "rate",
+            rad / (ended - began),
+            0.0,
         )
         for began, ended, rad in said.where
     )
@@ -66,7 +73,7 @@ def with_contradiction(
     )
 
 
-def _experiment(campaign: Campaign, moment: float) -> int:
+def experiment_at(campaign: Campaign, moment: float) -> int:
     """The run's number at a moment; 0 where none is recorded."""
     for recording in campaign.recordings:
         time, run = recording.time, recording.experiment

@@ -23,6 +23,7 @@ from ..reduction.handling import (
     left_out_sentence,
     with_force_counted,
 )
+from ..reduction.rounded_temperature import with_courses
 from .candidates.empirical import PREFIX
 from .candidates.signatures import Term
 from .contradicted_gyros import contradicted, unnamed, with_contradiction
@@ -50,6 +51,7 @@ from .residuals import residuals
 from .result import Diagnosis, Quality, with_findings
 from .selection.score_test import whiten_system
 from .selection.verdict import Answer, Named
+from .turned_mount import turned, with_turn, with_unheld, without_turned
 from .wording.delay_report import explain_delay, ramp_places, stored, with_delays
 from .wording.explain import explain, formula
 from .wording.line_report import (
@@ -83,6 +85,7 @@ def diagnose_campaign(
     `force` goes on where a plausibility check finds an error; else that raises `ValueError`.
     """
     found_odd = require_plausible(campaign, force=force)
+    campaign = replace(campaign, recordings=with_courses(campaign.recordings))
     # Restricted likelihoods differ in the tenth digit; the precision is local to this call.
     with jax.enable_x64(True):
         seen = campaign if calibration is None else taken_away(campaign, calibration, effects)
@@ -108,9 +111,11 @@ def diagnose_campaign(
         ]
         sentences = tuple(s for a in (again, further) if a is not None for s in a.sentences)
         against = contradicted(problem.plain)
-        findings = unnamed(findings, against)
+        slipped = turned(found_odd)
+        findings = without_turned(unnamed(findings, against), slipped)
         found, named = conclude_findings(findings, effects, progress)
         found = with_contradiction(found, against, seen)
+        found = with_turn(found, slipped, findings, seen)
         if sentences:
             said = " ".join((found.summary, *sentences))
             found = replace(found, summary=said, notes=(*found.notes, *sentences))
@@ -145,7 +150,8 @@ def _calibrated(
     plain = problem.plain.calibration
     found = replace(found, estimate=problem.plain)
     if found.verdict == "consistent":
-        return _with_scatter(found, problem.plain), plain
+        unheld = with_unheld(found, problem.plain, findings, problem.campaign)
+        return (_with_scatter(found, problem.plain) if unheld is found else unheld), plain
     if found.verdict != "missing-physics":
         return found, plain
     log = problem.log

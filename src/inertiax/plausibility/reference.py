@@ -11,6 +11,7 @@ from .evidence import DeviceLogs
 from .exchanged_axes import exchange_by_reference, left, ReferenceExchange, ReferenceRows
 from .finding import Finding, finding
 from .thresholds import Thresholds
+from .turned_mount import turned_mount
 from .turns import describe, IDENTITY
 
 
@@ -38,15 +39,19 @@ def check_references(device: DeviceLogs, limits: Thresholds) -> list[Finding]:
     else:
         found += [_axes(triad, device, e) for triad, e in exchanged.items()]
     if accel is not None and accel.told and "accel" not in exchanged:
-        found += _accel_rests(device, accel, limits)
+        plateaus = None if gyro is None or "gyro" in exchanged else gyro.rows
+        found += _accel_rests(device, accel, plateaus, limits)
     return found
 
 
-def _accel_rests(device: DeviceLogs, accel: ReferenceExchange, limits: Thresholds) -> list[Finding]:
+def _accel_rests(
+    device: DeviceLogs, accel: ReferenceExchange, plateaus: ReferenceRows | None, limits: Thresholds
+) -> list[Finding]:
     if accel.best is None:
         return _disagrees(accel)
-    single = _single_rests(accel.rows, device.site.gravity, limits)
-    return [*single, *([] if single else _remounted(accel.rows, limits))]
+    found = _single_rests(accel.rows, device.site.gravity, limits)
+    found = found or _remounted(accel.rows, limits)
+    return found or turned_mount(accel.rows, plateaus, limits)
 
 
 def _gyro_unit(device: DeviceLogs, gyro: ReferenceExchange, limits: Thresholds) -> list[Finding]:

@@ -5,6 +5,7 @@ from jaxtyping import Bool, Float, Int
 
 from ..data.formats.columns import AXES
 from ..reduction.clipping import holds_extreme, in_coarse_steps
+from .coarse_steps import coarse_steps
 from .dead_channels import triads
 from .evidence import DeviceLogs, Log
 from .finding import Finding, finding
@@ -167,6 +168,9 @@ def _held(
     frozen = frozen and len(held) * max(share, 1e-6) ** longest < 1e-3
     if not frozen and not (share > limits.repeated and chance < 0.5 * share):
         return []
+    coarse = coarse_steps(log, values, limits)
+    if coarse is not None:
+        return [_coarse(log, name, *coarse)]
     at = float(log.recording.time[edges[::2][np.argmax(edges[1::2] - edges[::2])]])
     text = (
         f"{log.name}: {name} stands still for {longest} rows from {log.moment(at)}: samples are held, not measured."
@@ -185,6 +189,20 @@ def _held(
             longest=longest,
         )
     ]
+
+
+def _coarse(log: Log, name: str, step: float, share: float) -> Finding:
+    """Rows that repeat because the converter's step hides the noise."""
+    return finding(
+        "repeated_samples",
+        "warning",
+        name,
+        f"{log.name}: {share:.0%} of the rows of {name} at rest repeat the row before, because the converter's step, "
+        f"{step:.3g} {UNITS[name]}, is coarser than the noise: a rest's mean errs by up to half a step however long it "
+        "is, and rests tell no noise. Take a finer range, or more digits.",
+        share=share,
+        step=step,
+    )
 
 
 def _duplicates(device: DeviceLogs, limits: Thresholds) -> list[Finding]:

@@ -66,6 +66,8 @@ class Thresholds:
     labels_off: float = 0.3  # share of rests that begin (end) with motion
     same_face: float = 0.35  # rad, 20 degrees
     remounted: float = 0.01  # rad, 0.6 degrees between runs
+    # rad, 0.06 degrees from one rest on; axes of MEMS move by less over temperature and time (1e-5 rad/°C)
+    turned_mount: float = 1e-3
     turned_frame: float = 0.026  # rad, 1.5 degrees of one triad against the other within a log
     turned_by_chance: float = (
         1e-4  # of that, over all moments; of 22 logs without it none below 0.2

@@ -61,3 +61,14 @@ def shortening(
     seen = turned > _BEYOND_NOISE * by_noise / np.sqrt(np.maximum(parts - 1, 1))
     seen &= (parts > 1) & (turned < _NO_REST * length)
     return np.where(seen, turned / kept, 0.0)
+
+
+def shortening_within(
+    values: Float[np.ndarray, "time 3"],
+    start: Int[np.ndarray, " range"],
+    stop: Int[np.ndarray, " range"],
+) -> Float[np.ndarray, " range"]:
+    """`shortening` of the rows `[start, stop)` of each of some ranges."""
+    counts = stop - start
+    first = np.cumsum(counts) - counts
+    return shortening(values[np.arange(counts.sum()) + np.repeat(start - first, counts)], first)

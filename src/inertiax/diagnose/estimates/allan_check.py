@@ -15,6 +15,9 @@ from ..selection.blocked_cross_validation import columns_of
 ENOUGH = 48  # blocks in one rest
 DRAWS = 200
 LEVEL = 0.99  # of the interval that the fitted noise gives
+# Of a converter's step, the noise below which steps hide it: above, it dithers them (Widrow, Kollár, 2008).
+DITHERS = 0.5
+ROUNDING = 1e-12  # of the outputs, below which a deviation is that of sums in double precision
 
 
 class AllanCheck(eqx.Module):
@@ -51,7 +54,8 @@ class AllanCheck(eqx.Module):
 def allan_checks(prepared: Prepared, noise: NoiseFit, chosen: list[Term]) -> tuple[AllanCheck, ...]:
     """Compare at one block, and at an eighth of the longest rest; nothing where no rest has enough blocks.
 
-    Rows have the baseline and the chosen terms taken away by least squares, and so have the draws of the noise.
+    Rows have the baseline and the chosen terms taken away by least squares, and so have the draws of the noise. Outputs
+    whose noise hides in the converter's steps hardly change within a rest, and are not compared.
     """
     blocks, system = prepared.blocks, prepared.system
     numbers, counts = np.unique(blocks.dwell[~blocks.moving], return_counts=True)
@@ -61,7 +65,10 @@ def allan_checks(prepared: Prepared, noise: NoiseFit, chosen: list[Term]) -> tup
     step = float(np.median(np.diff(blocks.time[rest])))
     factors = np.array([1, len(rest) // 8])
     made = []
+    hidden = _hidden(prepared)
     for c, chain in enumerate(system.chains):
+        if hidden[c]:
+            continue
         y = system.base.observed[c][:, None]
         rng = np.random.default_rng([17, c])
         both = np.concatenate([y, draw(chain, variances(system, noise)[c], DRAWS, rng)], axis=1)
@@ -80,7 +87,10 @@ def allan_checks(prepared: Prepared, noise: NoiseFit, chosen: list[Term]) -> tup
         low, middle, high = np.quantile(
             found[1:], [0.5 - 0.5 * LEVEL, 0.5, 0.5 + 0.5 * LEVEL], axis=0
         )
+        least = ROUNDING * float(np.abs(np.asarray(prepared.signal.output)).max())
         for k, factor in enumerate(factors):
+            if found[0, k] <= least:
+                continue
             made.append(
                 AllanCheck(
                     name, float(step * factor), float(found[0, k]), float(middle[k]), float(low[k]),
@@ -88,3 +98,12 @@ def allan_checks(prepared: Prepared, noise: NoiseFit, chosen: list[Term]) -> tup
                 )
             )  # fmt: skip
     return tuple(made)
+
+
+def _hidden(prepared: Prepared) -> list[bool]:
+    """Of each chain whether the steps of a channel that it is made of hide that channel's noise."""
+    signal, chains = prepared.signal, len(prepared.system.chains)
+    if prepared.motions or signal.resolution is None or signal.scatter is None:
+        return [False] * chains
+    below = np.asarray(signal.scatter) < DITHERS * np.asarray(signal.resolution)
+    return [bool(b) for b in below] if chains == 3 else [bool(below.any())] * chains

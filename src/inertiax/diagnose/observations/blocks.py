@@ -15,11 +15,12 @@ from ...data.recording import Campaign, Recording
 from ...data.recording_order import in_order
 from ...physics.wgs84 import EARTH_RATE as EARTH_RATE
 from ...reduction.block_length import length_beyond_tremor
-from ...reduction.chord import shortening
+from ...reduction.chord import shortening_within
 from ...reduction.device_segments import of_one_device
 from ...reduction.dwells import is_told
 from ...reduction.held_rests import variance_by_parts
 from ...reduction.known_moves import take_moves
+from ...reduction.mean_noise import converter_steps
 from ...reduction.positionings import attitudes
 from ...reduction.segments import joined, rests_are_searched, segment_each, Segments
 from .without_earth import earth_taken_away
@@ -28,6 +29,8 @@ from .without_earth import earth_taken_away
 MOST_BLOCKS = 1600
 PER_DWELL = 6  # blocks wanted in a dwell
 FEWEST_SAMPLES = 4  # in a block
+# Changes of a channel from row to row from which they tell its step: more than such logs have rests (convention).
+FEWEST_CHANGES = 200
 # Times the usual variance of a dwell, on every axis, from which it is shaken: an amplitude of ten. Steps of a converter
 # make variances of quiet dwells differ by less, and not on all axes at once. Convention.
 SHAKEN = 100.0
@@ -283,7 +286,10 @@ def _summarise(log: Log, start: np.ndarray, stop: np.ndarray, dwell: np.ndarray)
         attitude = attitudes(position, rate, stated, log.recording[start], dwell)
     accel = mean(log.accel)
     if accel is not None and log.accel is not None and log.reference_accel is None:
-        accel = accel * (1.0 + np.where(moving, 0.0, _shortening(log.accel, start, stop)))[:, None]
+        accel = (
+            accel
+            * (1.0 + np.where(moving, 0.0, shortening_within(log.accel, start, stop)))[:, None]
+        )
     return Blocks(
         start=start,
         stop=stop,
@@ -304,14 +310,6 @@ def _summarise(log: Log, start: np.ndarray, stop: np.ndarray, dwell: np.ndarray)
         accel_white=_white(log.accel, log.reference_accel, start, stop, dwell, moving, held, move),
         gyro_white=_white(log.gyro, log.reference_gyro, start, stop, dwell, moving, held, move),
     )
-
-
-def _shortening(accel: np.ndarray, start: np.ndarray, stop: np.ndarray) -> np.ndarray:
-    """`chord.shortening` of blocks."""
-    counts = stop - start
-    first = np.cumsum(counts) - counts
-    rows = np.arange(counts.sum()) + np.repeat(start - first, counts)
-    return shortening(accel[rows], first)
 
 
 def with_scatter_about(
@@ -351,6 +349,7 @@ def _white(
     """
     if values is None:
         return None
+    steps = _steps(values)
     values = values if reference is None else values - reference
     count = stop - start
     mean = block_mean(values, start, stop)
@@ -370,12 +369,21 @@ def _white(
         pooled[group] = _pooled(scatter[group], count[group] - 1, dwell[group])
     if move.any():
         pooled[move] = np.median(pooled[kind == 0], axis=0)
+    # A rounded sample errs by that, though outputs that stand still at rest show none of it.
+    pooled = np.maximum(pooled, np.square(steps) / 12.0)
     floor = 1e-30 + 1e-12 * pooled.max()
     white = np.maximum(pooled, floor) / count[:, None]
     by_hand = np.flatnonzero(held)
     of_parts = variance_by_parts(values, start[by_hand], stop[by_hand])
     white[by_hand] = np.maximum(white[by_hand], of_parts)
     return white
+
+
+def _steps(values: np.ndarray) -> np.ndarray:
+    """The converter's step of each axis; 0 where none shows, as in values without noise that change from rest to rest
+    alone."""
+    changes = np.count_nonzero(np.diff(values, axis=0), axis=0)
+    return np.where(changes >= FEWEST_CHANGES, converter_steps(values), 0.0)
 
 
 def _pooled(

@@ -314,7 +314,8 @@ def build(log: Log, blocks: Blocks, base: Baseline, force: np.ndarray | None) ->
     if log.temperature is not None and (form.degree > 0 or temperature_moves(log, blocks)):
         temperature, rate_t = smooth_temperature(log)
     since_power, since_start, since_move = since(log, blocks)
-    white = getattr(blocks, f"{triad}_white") * blocks.count[:, None]
+    resolution = _resolution(output)
+    white = np.mean(getattr(blocks, f"{triad}_white") * blocks.count[:, None], axis=0)
     room, upright, oriented = room_axes(log, force)
     if room is None and len(np.unique(blocks.position)) == 1 and not blocks.moving.any():
         room, oriented = np.broadcast_to(np.eye(3), (len(log.time), 3, 3)), False
@@ -327,8 +328,9 @@ def build(log: Log, blocks: Blocks, base: Baseline, force: np.ndarray | None) ->
         force=None if force is None else by_axis(force), rate=None if rate is None else by_axis(rate),
         rate_change=None if rate is None else by_axis(change_of_rate(log, rate)),
         room=None if room is None else by_axis(room), supply=log.supply,
-        vibration=_vibration(log, blocks, form.gravity), resolution=_resolution(output),
-        scatter=np.sqrt(white.mean(axis=0)),
+        vibration=_vibration(log, blocks, form.gravity), resolution=resolution,
+        # Before rounding, which adds its own variance (Sheppard).
+        scatter=np.sqrt(np.maximum(white - np.square(resolution) / 12.0, 0.0)),
         at_temperature=None if temperature is None or form.degree == 0 else model,
         axes=axes_at_rest(blocks, form, np.asarray(model.matrix)[:, :, 0]),
         expected=np.asarray(model(np.zeros(len(log.time)) if temperature is None else temperature)),

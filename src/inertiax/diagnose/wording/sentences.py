@@ -103,6 +103,16 @@ def untested_sentence(triads: Sequence[tuple[ModelForm, Blocks]]) -> str | None:
     return None
 
 
+def agreement(forms: Sequence[ModelForm]) -> str:
+    """That nothing stands out beside these models."""
+    return (
+        f"The recordings agree with {_models(forms)} within noise, the dwells' scatter and the rig's stated "
+        "uncertainty; no catalogued effect and no structured remainder stands out. The list of detectable "
+        "sizes says from which size on an effect would have been found nine times of ten, on the channel that "
+        "shows it best."
+    )
+
+
 def summary(
     verdict: str,
     explanations: Sequence[Explanation],
@@ -115,12 +125,7 @@ def summary(
     apart = [f for f in forms if f.triad in pulled]
     models = _models(apart if verdict != "consistent" and apart else forms)
     if verdict == "consistent":
-        return (
-            f"The recordings agree with {models} within noise, the dwells' scatter and the rig's stated "
-            "uncertainty; no catalogued effect and no structured remainder stands out. The list of detectable "
-            "sizes says from which size on an effect would have been found nine times of ten, on the channel that "
-            "shows it best."
-        )
+        return agreement(forms)
     if verdict == "missing-physics":
         parts = " ".join(e.in_short or e.statement for e in explanations)
         proof = "; ".join(
