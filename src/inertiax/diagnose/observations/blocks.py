@@ -286,10 +286,8 @@ def _summarise(log: Log, start: np.ndarray, stop: np.ndarray, dwell: np.ndarray)
         attitude = attitudes(position, rate, stated, log.recording[start], dwell)
     accel = mean(log.accel)
     if accel is not None and log.accel is not None and log.reference_accel is None:
-        accel = (
-            accel
-            * (1.0 + np.where(moving, 0.0, shortening_within(log.accel, start, stop)))[:, None]
-        )
+        longer = 1.0 + np.where(moving, 0.0, shortening_within(log.accel, start, stop))
+        accel = accel * longer[:, None]
     return Blocks(
         start=start,
         stop=stop,
@@ -380,8 +378,7 @@ def _white(
 
 
 def _steps(values: np.ndarray) -> np.ndarray:
-    """The converter's step of each axis; 0 where none shows, as in values without noise that change from rest to rest
-    alone."""
+    """The converter's step of each axis; 0 where none shows, as in values that change from rest to rest alone."""
     changes = np.count_nonzero(np.diff(values, axis=0), axis=0)
     return np.where(changes >= FEWEST_CHANGES, converter_steps(values), 0.0)
 
