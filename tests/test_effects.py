@@ -272,22 +272,6 @@ def test_a_field_of_unknown_azimuth_is_nearly_among_the_forms():
     assert effect.variants(dataclasses.replace(signal, upright=False))[1:] == ()
 
 
-@pytest.mark.parametrize("start", [-1.0, 0.0, 1.0])
-def test_a_play_begins_where_the_device_came_from(start):
-    """By the definition of play, row by row: a device that was cooled for its log comes from above."""
-    t = 20.0 + 30.0 * np.sin(np.linspace(0.0, 7.0, 400))
-    signal = dataclasses.replace(make_signal("accel", 400), temperature=t)
-    width = 0.1 * np.ptp(t)
-    state, expected = t[0] + start * width, []
-    for now in t:
-        state = min(max(state, now - width), now + width)
-        expected.append((state - now) / width)
-    settings = {"radius": 0.1, "loop": "play", "on": "bias"} | ({"start": start} if start else {})
-    made = np.asarray(BY_NAME["thermal_hysteresis"].shape(signal, **settings))[:, 0, 0]
-    np.testing.assert_allclose(made, expected, atol=1e-12)
-    assert made[0] == pytest.approx(start)
-
-
 def test_the_models_say_where_a_drift_is_zero_and_which_branch_reads_high():
     there_and_back = dataclasses.replace(
         make_signal("accel", 201),

@@ -30,12 +30,7 @@ EFFECTS = {
     # name: (triad, channel, settings, coefficient)
     "thermal_lag": ("accel", 0, {"time_constant": 3.0}, 1.0),
     "settling": ("accel", 1, {"time_constant": 2.0, "size": "signed"}, 2e-3),
-    "thermal_hysteresis": (
-        "accel",
-        2,
-        {"radius": 0.1, "loop": "spread", "on": "bias", "start": 1.0},
-        1e-3,
-    ),
+    "thermal_hysteresis": ("accel", 2, {"radius": 0.1, "loop": "spread", "on": "bias"}, 1e-3),
     "temperature_rate": ("gyro", 0, {"time_constant": 0.0, "on": "bias"}, 1e-5),
     "warm_up": ("gyro", 1, {"time_constant": 5.0, "start": "each"}, 1e-3),
     "drift": ("gyro", 2, {"on": "bias"}, 1e-6),

@@ -20,16 +20,15 @@ LEAST = 2.0  # °C, a range of temperature that can hold a loop
 
 
 def shape(
-    signal: Signal, *, radius: Scalar | float, loop: str, on: str, start: float = 0.0
+    signal: Signal, *, radius: Scalar | float, loop: str, on: str
 ) -> Float[AnyArray, "time channels columns"]:
     """Play operator of half-width `radius` (part of the temperature range) less the temperature
     itself, scaled to ±1; Rayleigh's parabolic loop, whose branch turns after `radius`; or plays side by
-    side (Prandtl and Ishlinskii): in equal parts, or a narrow and a wide one with a coefficient each. `start` is where
-    a play begins: 0 in its middle, −1 as after warming and 1 as after cooling."""
+    side (Prandtl and Ishlinskii): in equal parts, or a narrow and a wide one with a coefficient each."""
     t = xp.asarray(signal.temperature)
     low, high = xp.min(t), xp.max(t)
     radius = xp.asarray(radius)
-    leads = [_lead(t, part * radius * (high - low), start) for part in _parts(loop)]
+    leads = [_lead(t, part * radius * (high - low)) for part in _parts(loop)]
     lead = _loop(xp.stack(leads, axis=-1), t, low, high, loop)
     if on == "bias":
         return lead[:, None, :]
@@ -57,18 +56,12 @@ def _loop(
     return lead
 
 
-def _lead(
-    temperature: Float[AnyArray, " time"], width: Scalar | float, start: float
-) -> Float[AnyArray, " time"]:
-    if start == 0.0:
-        return (play(temperature, width) - temperature) / width
-    begun = xp.concatenate([temperature[:1] + start * width, temperature])
-    return (play(begun, width)[1:] - temperature) / width
+def _lead(temperature: Float[AnyArray, " time"], width: Scalar | float) -> Float[AnyArray, " time"]:
+    return (play(temperature, width) - temperature) / width
 
 
 def variants(signal: Signal) -> tuple[Variant, ...]:
-    """Several widths of play, Rayleigh's loop and plays side by side; on the bias and on the scale factor. On the bias
-    plays begin at either end, too: a device that was cooled for its log comes from above.
+    """Several widths of play, Rayleigh's loop and plays side by side; on the bias and on the scale factor.
 
     None where the temperature hardly changes: a loop has the size of its turn of temperature, and within `LEAST`
     it would be a name for whatever is slow.
@@ -77,20 +70,11 @@ def variants(signal: Signal) -> tuple[Variant, ...]:
         return ()
     forms = [("play", r) for r in (0.02, 0.05, 0.1, 0.16, 0.24, 0.33, 0.45)]
     forms += [("Rayleigh", 0.02), ("spread", 0.1), ("spread", 0.16), ("pair", 0.05)]
-    plain = tuple(
+    return tuple(
         Variant(f"{on}, {loop} {r:g}", {"radius": r, "loop": loop, "on": on})
         for on in ("bias", "scale")
         for loop, r in forms
     )
-    begun = tuple(
-        Variant(
-            f"bias, play {r:g} from {'below' if start < 0 else 'above'}",
-            {"radius": r, "loop": "play", "on": "bias", "start": start},
-        )
-        for r in (0.05, 0.1, 0.16, 0.24)
-        for start in (-1.0, 1.0)
-    )
-    return plain + begun
 
 
 def _begin(settings: Mapping[str, Any], temperature: AnyArray) -> AnyArray:
@@ -103,8 +87,8 @@ def _follow(
     low, high = xp.asarray(moment.coldest), xp.asarray(moment.warmest)
     t = xp.clip(xp.asarray(moment.temperature), low, high)
     widths = xp.asarray(_parts(settings["loop"])) * settings["radius"] * (high - low)
-    # The play begins in the middle, at the temperature within the range, or at an end.
-    state = xp.where(moment.first, t + settings.get("start", 0.0) * widths, state)
+    # The play begins in the middle, at the temperature within the range.
+    state = xp.where(moment.first, t, state)
     state = xp.clip(state, t - widths, t + widths)
     lead = _loop((state - t) / widths, t, low, high, settings["loop"])
     if settings["on"] == "bias":
