@@ -316,7 +316,8 @@ def test_bad_devices_are_set_aside_with_the_reason(line, tmp_path):
     aside = dict(pl.read_parquet(tmp_path / "out" / "quarantine.parquet").iter_rows())
     assert "'accel_x' has no finite number" in aside["SN0001"]
     assert "'accel_y' stays at 8, its extreme value" in aside["SN0002"]
-    assert "axis z reads 0.102 times the truth; look at unit" in aside["SN0003"]  # 1 / 9.81
+    assert "accel_z reads 0.102 times what x and y read" in aside["SN0003"]  # 1 / 9.81
+    assert "scale = [1, 1, 9.80665]" in aside["SN0003"]
     assert "too few positions" in aside["SN0004"] or "do not determine" in aside["SN0004"]
     with pytest.raises(ValueError, match="device 'SN0004' was set aside: accel"):
         fleet_calibration(tmp_path / "out", "SN0004")

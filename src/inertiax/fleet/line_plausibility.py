@@ -4,7 +4,7 @@ They take a tenth of a second a device, where its calibration takes some millise
 the units of a table is wrong with all of its devices, so a few tell it.
 """
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 import polars as pl
 
@@ -42,9 +42,15 @@ def require_plausible_line(
     return tuple(f"{text} ({where})" for text in statements(alike))
 
 
-def with_causes(rows: pl.DataFrame, task: Task, devices: Devices) -> pl.DataFrame:
-    """The rows of the results' table with what the checks say of devices that were set aside, the first of a task."""
-    aside = rows.filter(pl.col("reason") != "").get_column("device").to_list()[:_CAUSES]
+def with_causes(
+    rows: pl.DataFrame, task: Task, devices: Devices, reduced: Collection[str]
+) -> pl.DataFrame:
+    """The rows of the results' table with what the checks say of devices that no fit was found for, a task's first.
+
+    **Arguments:** `reduced` are those that have dwells; why others have none is told already.
+    """
+    aside = rows.filter((pl.col("reason") != "") & pl.col("device").is_in(list(reduced)))
+    aside = aside.get_column("device").to_list()[:_CAUSES]
     if not aside:
         return rows
     few = Task(task.number, tuple(d for d in task.devices if d[0] in aside))

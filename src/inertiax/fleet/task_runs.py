@@ -60,9 +60,12 @@ def run_task(task: Task, context: Context) -> int:
         if context.manifest.one_by_one:
             rows = calibrate_one_by_one(task, _devices_of(context), context.manifest)
         else:
-            rows = calibrate_reduced(_reader_of(context)(task), context.manifest)
+            reduced = _reader_of(context)(task)
+            rows = calibrate_reduced(reduced, context.manifest)
             if not (context.manifest.campaigns or context.manifest.force):
-                rows = with_causes(rows, task, _devices_of(context))
+                told = zip(reduced.devices, reduced.reasons, strict=True)
+                some = {name for name, why in told if not why}
+                rows = with_causes(rows, task, _devices_of(context), some)
         write_part(Path(context.folder), task.number, rows)
     return task.number
 
