@@ -3,8 +3,10 @@
 import numpy as np
 import pytest
 
+from inertiax import reduce_to_dwells
+from inertiax.calibrate.pipeline import calibrate
 from inertiax.data.recording import Campaign, ModelChoice, Recording, Site
-from inertiax.diagnose import diagnose
+from inertiax.diagnose import diagnose_campaign
 from inertiax.reduction.rounded_temperature import between_steps, temperature_step
 
 
@@ -46,6 +48,21 @@ def test_readings_that_noise_dithers_and_fine_ones_stay_as_they_are(noise):
     assert between_steps(TIME, dithered) is dithered and between_steps(TIME, fine) is fine
 
 
+def test_dwells_have_the_course_that_a_diagnosis_judges():
+    """`calibrate` and `fleet` took the readings, and `diagnose` the course: degrees 5 and 1 of one log."""
+    rounded = np.round(course(TIME))
+    accel = [0.0, 0.0, 9.81] + 4e-3 * np.random.default_rng(2).standard_normal((len(TIME), 3))
+    recording = Recording(TIME, accel, temperature=rounded[:, None])
+    dwells = reduce_to_dwells(recording)
+    campaign = Campaign(
+        (recording,), Site(gravity=9.81), model=ModelChoice(accel_estimator="static")
+    )
+    (result,) = calibrate(campaign)
+    for mine in (dwells, result.accel.dwells):
+        true = np.array([course(TIME[a:b]).mean() for _, a, b, _ in mine.rows])
+        assert np.sqrt(np.mean((mine.temperature - true) ** 2)) < 0.1
+
+
 @pytest.mark.slow
 def test_a_rounded_probe_makes_no_effect():
     rng = np.random.default_rng(2)
@@ -63,6 +80,11 @@ def test_a_rounded_probe_makes_no_effect():
         time, accel, gyro, temperature=np.round(course(time))[:, None], name="warm.csv"
     )
     model = ModelChoice(accel_estimator="static")
-    assert (
-        diagnose(Campaign((recording,), Site(gravity=9.80856), model=model)).verdict == "consistent"
-    )
+    campaign = Campaign((recording,), Site(gravity=9.80856), model=model)
+    found, judged = diagnose_campaign(campaign)
+    assert found.verdict == "consistent"
+    (plain,) = calibrate(campaign)
+    assert plain.calibration.model == judged.model
+    for triad in ("accel", "gyro"):
+        one, other = (getattr(c, triad).curve.coefficients for c in (plain.calibration, judged))
+        np.testing.assert_array_equal(one, other)

@@ -15,6 +15,7 @@ from .reduce.tasks import Task
 
 
 LOOKED_AT = 3  # devices; an error that all of them have is the line's
+_TRIED = 20  # devices, of a line whose first cannot be read
 _ROWS = 1_000_000  # of further devices to look at: a second a hundred thousand
 _CAUSES = 5  # devices of a task of whose failures the causes are sought
 
@@ -66,15 +67,16 @@ def with_causes(
 def _first(tasks: Sequence[Task], devices: Devices) -> list[tuple[Finding, ...]]:
     """The findings of each of the first devices that can be read."""
     found: list[tuple[Finding, ...]] = []
-    rows = 0
+    rows = tried = 0
     for task in tasks:
         for name, own in task.devices:
+            tried += 1
             for _, one in devices(Task(task.number, ((name, own),))):
                 if isinstance(one, str):
                     continue
                 found.append(check_campaign(one).findings)
                 rows += sum(r.num_samples for r in one.recordings)
-            if len(found) == LOOKED_AT or rows > _ROWS:
+            if len(found) == LOOKED_AT or rows > _ROWS or tried == _TRIED:
                 return found
     return found
 

@@ -44,9 +44,11 @@ def shortening(
     within = np.arange(len(owner)) - first[owner]
     edges = starts[owner] + within * counts[owner] // parts[owner]
     size = np.diff(np.append(edges, len(values)))[:, None]
-    mean = np.add.reduceat(values, edges, axis=0) / size
-    deviation = values - np.repeat(mean, size[:, 0], axis=0)
-    scatter = np.add.reduceat(deviation**2, edges, axis=0) / (np.maximum(size - 1, 1) * size)
+    # Axis by axis: along rows of three numbers NumPy takes six times as long.
+    values = np.asfortranarray(values)
+    over = lambda x: np.stack([np.add.reduceat(column, edges) for column in x.T], axis=1)
+    mean = over(values) / size
+    scatter = np.maximum(over(values**2) / size - mean**2, 0.0) / np.maximum(size - 1, 1)
     of_rest = lambda x: np.add.reduceat(x, first, axis=0) / parts.reshape(-1, *[1] * (x.ndim - 1))
     whole = of_rest(mean)
     length = np.linalg.norm(whole, axis=1)

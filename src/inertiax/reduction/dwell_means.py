@@ -18,6 +18,7 @@ from .host_stamps import remark
 from .manual_turns import turned_by_hand, with_known_angles
 from .mean_covariance import covariances_of_means
 from .rests import TURNED_SLOWLY, usual_step
+from .rounded_temperature import with_courses
 from .sample_sums import joined_means, Reduced, reduced, scatter_of
 from .segments import Segments
 from .turning_hand import less_turning
@@ -48,7 +49,8 @@ def reduce_to_dwells(
     Experiments without a column are numbered by recording. At a plateau (position −1) the
     accelerometers turn through gravity: their mean is right for linear terms such as
     g-sensitivity, their covariance large, and the invariant estimator has no use for them. Rests that a hand held are
-    one dwell each, marked in `held`, and count for |a| alone (`AbstractEstimator.usable`).
+    one dwell each, marked in `held`, and count for |a| alone (`AbstractEstimator.usable`). A probe's readings in whole
+    steps are put between these (`rounded_temperature`).
 
     **Returns** one row per block in order of time within each recording, as NumPy arrays. For the
     covariances see `mean_covariance.covariances_of_means`: they hold what the scatter within a dwell
@@ -62,6 +64,7 @@ def reduce_to_dwells(
     for name, value in (("longest", longest), ("temperature_step", temperature_step)):
         if value is not None and not value > 0:
             raise ValueError(f"`reduce_to_dwells({name}=...)` must be positive; got {value}.")
+    recordings = with_courses(recordings)
     labels = _experiments(recordings)
     found = segment_all(recordings, window=window, held=True) if segments is None else segments
     parts = [

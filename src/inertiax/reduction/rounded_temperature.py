@@ -9,7 +9,6 @@ import dataclasses
 from collections.abc import Sequence
 
 import numpy as np
-import scipy.interpolate
 from jaxtyping import Float
 
 from ..data.recording import Recording
@@ -56,7 +55,9 @@ def between_steps(
     level = temperature[np.searchsorted(time, inner)]
     order = np.argsort(np.r_[moments, inner])
     knots, values = np.r_[moments, inner][order], np.r_[middles, level][order]
-    course = scipy.interpolate.CubicSpline(knots, values)
+    from scipy.interpolate import CubicSpline  # which few logs need
+
+    course = CubicSpline(knots, values)
     made = course(time)
     for k in soak:
         made[(time > edges[k] + 0.25 * holds[k]) & (time < edges[k] + 0.75 * holds[k])] = (
