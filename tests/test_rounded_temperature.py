@@ -59,6 +59,7 @@ def test_dwells_have_the_course_that_a_diagnosis_judges():
     )
     (result,) = calibrate(campaign)
     for mine in (dwells, result.accel.dwells):
+        assert mine.rows is not None
         true = np.array([course(TIME[a:b]).mean() for _, a, b, _ in mine.rows])
         assert np.sqrt(np.mean((mine.temperature - true) ** 2)) < 0.1
 
