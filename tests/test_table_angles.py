@@ -11,6 +11,7 @@ import pytest
 import scipy.ndimage
 from scipy.spatial.transform import Rotation
 
+import table_of_two_axes
 from command_runs import run
 from inertiax.campaign_draft import draft_campaign
 from inertiax.campaign_draft.table_angles import without_twins
@@ -328,6 +329,26 @@ def test_init_finds_the_table_whose_angles_these_are(tmp_path, name):
     attitude = attitudes(TABLES.get(name, PITCH), np.zeros((1, 2)))
     earth = attitude.inv().apply(earth_in_room(Turntable()))
     assert np.abs(recording.reference_gyro - ideal.rate).max() < 1.1 * np.linalg.norm(earth)
+
+
+def test_init_finds_the_table_of_six_faces_whose_inner_axis_stands_at_two_places(tmp_path):
+    """A flag, which stands at two as well, is none of its angles."""
+    faces = np.array([[0, 0], [180, 0], [90, 0], [270, 0], [270, 90], [90, 90], [0, 0]], float)
+    angles = [np.tile(faces[0], (300, 1))]
+    for one, other in itertools.pairwise(faces):
+        moved = [table_of_two_axes.smooth(a, b, 4.0) for a, b in zip(one, other)]
+        angles += [np.stack(moved, axis=1), np.tile(other, (300, 1))]
+    turned = np.concatenate(angles)
+    force, rate = table_of_two_axes.readings(turned)
+    rng = np.random.default_rng(3)
+    rows = np.arange(len(turned))
+    values = [rows / table_of_two_axes.RATE, force + rng.normal(0.0, 0.01, force.shape)]
+    values += [rate + rng.normal(0.0, 1e-3, rate.shape), rows % 1000 < 500, turned]
+    names = "time,accel_x,accel_y,accel_z,gyro_x,gyro_y,gyro_z,heater,aussen,innen".split(",")
+    pl.DataFrame(np.column_stack(values), names).write_csv(tmp_path / "log.csv")
+    text = draft_campaign(tmp_path / "log.csv", tmp_path).text
+    assert 'table_angles = { names = ["aussen", "innen"], unit = "deg" }' in text
+    assert 'axes = ["east", "up"]' in text and '# Not read: "heater".' in text
 
 
 def test_init_finds_a_table_whose_encoders_are_noisy(tmp_path):

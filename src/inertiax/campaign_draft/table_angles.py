@@ -75,9 +75,21 @@ def table_angles(found: RawTriads, rests: Resting) -> TableAngles | None:
     if any(len(v) != rows for v in log.numbers.values()) or rests.num_rests < _FEWEST:
         return None
     start, stop = _without_ends(rests.start, rests.stop)
-    candidates = [
-        n for n in log.names if n not in _read(found) and _is_angle(log.numbers[n], start, stop)
-    ]
+    places = {n: _places(log.numbers[n], start, stop) for n in log.names if n not in _read(found)}
+    for fewest in (3, 2):
+        if fewest == 3 or 2 in places.values():
+            made = _among([n for n in places if places[n] >= fewest], found, rests, start, stop)
+            if made is not None:
+                return made
+    return None
+
+
+def _among(
+    candidates: list[str], found: RawTriads, rests: Resting, start: np.ndarray, stop: np.ndarray
+) -> TableAngles | None:
+    """The table whose angles are some of these columns; `None` where none fits alone."""
+    log, accel = found.log, found.accel
+    assert accel is not None and rests.accel is not None
     middle = (start + stop) // 2
     candidates, twins = without_twins(candidates, log.numbers, start, stop)
     if not 1 <= len(candidates) <= _MOST_COLUMNS:
@@ -129,11 +141,15 @@ def _read(found: RawTriads) -> set[str]:
     return names
 
 
-def _is_angle(values: Float[np.ndarray, " row"], start: np.ndarray, stop: np.ndarray) -> bool:
-    """Whether a column stands still at rest, mostly, at three places or more."""
+def _places(values: Float[np.ndarray, " row"], start: np.ndarray, stop: np.ndarray) -> int:
+    """At how many places a column stands at rest; none where it mostly does not stand.
+
+    A flag has two, and so has the inner axis in the plan of six faces: those are tried where columns of three tell no
+    table.
+    """
     spread = np.array([_spread(values[a:b, None])[0] for a, b in zip(start, stop)])
-    places = np.unique(np.round(values[(start + stop) // 2][spread < _STILL], 1))
-    return bool(np.mean(spread < _STILL) > 0.5) and len(places) >= 3
+    still = spread < _STILL
+    return len(np.unique(np.round(values[(start + stop) // 2][still], 1))) * int(still.mean() > 0.5)
 
 
 def without_twins(
