@@ -348,7 +348,7 @@ def test_init_finds_the_table_of_six_faces_whose_inner_axis_stands_at_two_places
     pl.DataFrame(np.column_stack(values), names).write_csv(tmp_path / "log.csv")
     text = draft_campaign(tmp_path / "log.csv", tmp_path).text
     assert 'table_angles = { names = ["aussen", "innen"], unit = "deg" }' in text
-    assert 'axes = ["east", "up"]' in text and '# Not read: "heater".' in text
+    assert 'axes = ["east", "up"]' in text and 'perhaps labels: "heater".' in text
 
 
 def test_init_finds_a_table_whose_encoders_are_noisy(tmp_path):
