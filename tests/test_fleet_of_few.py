@@ -1,5 +1,6 @@
 """The report of a line of two devices: what it does not know it does not show, and how good the fits are."""
 
+import html
 import json
 import re
 from html.parser import HTMLParser
@@ -29,7 +30,7 @@ from inertiax.fleet.verdicts import count_verdicts, device_findings, device_verd
 from inertiax.plots.fleet import distributions
 from inertiax.plots.style import drawing
 from inertiax.reduction.dwells import Dwells
-from inertiax.report.fleet import report_fleet
+from inertiax.report.fleet import report_fleet, reserved_lines
 from protocol_fleet_cases import write_line
 
 
@@ -119,6 +120,23 @@ def test_what_calibrate_has_a_reservation_about_a_fleet_has_too(few):
     assert count_verdicts(few, manifest) == {"good": 0, "usable": 2, "doubtful": 0}
     first, _ = read_parts(few).collect().iter_rows(named=True)
     assert [f.text for f in device_findings(first, manifest)] == [said]
+
+
+def test_a_misfit_is_not_hidden_behind_a_lesser_reservation_of_all(few):
+    """All have a gap in temperature, and the second five times its noise as well."""
+    (part,) = (few / "parts").iterdir()
+    gaps = [f"Accelerometers: -30 to {t} °C, but nothing between -30 and 20 °C." for t in (60, 61)]
+    pl.read_parquet(part).with_columns(reservation=pl.Series(gaps)).write_parquet(part)
+    page = report_fleet(few, "command", folder_names)
+    assert page.reserved == ("SN00001", "SN00000")
+    misfit, gap = reserved_lines(page.why)
+    assert misfit.startswith("1 × Accelerometers: many times the noise is left")
+    assert misfit.endswith("(SN00001)")
+    assert gap == (
+        "2 × Accelerometers: … to … °C, but nothing between … and … °C (SN00001, SN00000)"
+    )
+    text = re.sub(r"<[^>]+>", "", (few / "report.html").read_text("utf-8"))
+    assert gap in text and html.unescape(text).count(misfit) == 1
 
 
 def test_files_that_are_not_there_are_not_listed(few):

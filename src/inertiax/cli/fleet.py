@@ -201,7 +201,7 @@ def _tell(
     from ..fleet import read_line_file
     from ..fleet.magnetometers import LEFT_OUT
     from ..fleet.population.unit_covariance import FEWEST
-    from ..report.fleet import fit_sentence, odd_sentence
+    from ..report.fleet import fit_sentence, odd_sentence, reserved_lines
     from ..report.fleet_drift import drift_sentence
     from ..report.fleet_mismatch import too_few_to_explain
 
@@ -210,6 +210,7 @@ def _tell(
         said: dict[str, object] = {"line": msgspec.to_builtins(line)} if explain else {}
         said["unlike"] = list(unlike)
         said["reserved"] = list(page.reserved)
+        said["reserved_for"] = {r.words: list(r.devices) for r in page.why}
         said["odd_recordings"] = {o.device: o.words for o in page.odd}
         outputs.print_json({**summary.as_dict(), **said, "output": str(output)})
     elif not quiet:
@@ -221,6 +222,8 @@ def _tell(
             console.say(f"  {count} × {reason}")
         if summary.calibrated:
             console.say(fit_sentence(dict(summary.fits), page.reserved))
+        for words in reserved_lines(page.why):
+            console.say(f"  {words}")
         if 0 < summary.calibrated < FEWEST and page.manifest.prior is None:
             console.say(
                 f"no population.json: the spread between devices needs {FEWEST} that were calibrated"

@@ -43,6 +43,9 @@ class FleetSummary(eqx.Module):
         }
 
 
+NUMBERS = r"[-+]?\d[\d.e+-]*"  # in a sentence
+
+
 def summarise(folder: Path, before: int) -> FleetSummary:
     """Count a run's devices and write its quarantine table; `before` tasks were done by an earlier run."""
     table, manifest = read_parts(folder).select("device", "reason").collect(), read_manifest(folder)
@@ -60,7 +63,7 @@ def summarise(folder: Path, before: int) -> FleetSummary:
 
 def kinds_of_reasons(reasons: pl.Series) -> tuple[tuple[str, int], ...]:
     """Reasons that differ only in their numbers as one, with how often, most frequent first."""
-    kinds = reasons.str.replace_all(r"[-+]?\d[\d.e+-]*", "…").alias("kind").to_frame()
+    kinds = reasons.str.replace_all(NUMBERS, "…").alias("kind").to_frame()
     counted = kinds.group_by("kind").len().sort("len", "kind", descending=[True, False])
     return tuple((kind, int(times)) for kind, times in counted.iter_rows())
 

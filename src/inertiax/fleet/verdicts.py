@@ -6,8 +6,11 @@ temperatures without a dwell. Of others `calibrate` looks at single dwells and a
 """
 
 import math
+import re
 from collections import Counter
+from collections.abc import Mapping
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import polars as pl
@@ -23,7 +26,7 @@ from ..calibrate.goodness_of_fit import (
     misfit_words,
 )
 from .overview.populate import full_covariances
-from .results import calibration_of
+from .results import calibration_of, NUMBERS
 from .solve.triad_model import basis_of, TriadModel
 from .store import each_part, Manifest, matrix_of
 
@@ -39,45 +42,97 @@ def count_verdicts(folder: Path, manifest: Manifest) -> dict[str, int]:
 
 
 def graded_devices(folder: Path, manifest: Manifest) -> pl.DataFrame:
-    """`device` and `verdict` ("good", "usable" or "doubtful") of the devices that were not set aside."""
+    """`device`, `verdict` ("good", "usable" or "doubtful"), `kinds` and `ratio` of the devices that were not set aside.
+
+    `kinds` are what asks for attention, in words without a device's numbers; `ratio` is how many times its noise the
+    worse triad's misfit is.
+    """
     columns = ["device", "temperature_low", "temperature_high", "reservation"]
     columns += ["warnings"] if manifest.documented else []
+    columns += ["reservations"] if manifest.own_words else []
     for triad in UNITS:
         if getattr(manifest, triad) is not None:
             columns += [f"{triad}_{k}" for k in ("parameters", "covariance", "rms", "chi2_per_dof")]
-    tables = [
-        part.select("device").with_columns(
-            verdict=pl.Series(
-                [VERDICTS[int(g)] for g in device_grades(part, manifest)], dtype=pl.String
-            )
-        )
-        for part in each_part(folder, columns)
-    ]
-    return (
-        pl.concat(tables)
-        if tables
-        else pl.DataFrame(schema={"device": pl.String, "verdict": pl.String})
-    )
+    schema = {"device": pl.String, "verdict": pl.String, "kinds": pl.List(pl.String)}
+    tables = [pl.DataFrame(schema=schema | {"ratio": pl.Float64})]
+    for part in each_part(folder, columns):
+        by_kind = _grades(part, manifest)
+        worst = _worst(by_kind, part.height)
+        ratio = [
+            np.sqrt(_numbers(part, f"{t}_chi2_per_dof"))
+            for t in UNITS
+            if getattr(manifest, t) is not None
+        ]
+        made = {
+            "device": part.get_column("device"),
+            "verdict": [VERDICTS[int(g)] for g in worst],
+            "kinds": _kinds(part, by_kind, worst),
+            "ratio": np.max(ratio, axis=0) if ratio else np.full(part.height, math.nan),
+        }
+        tables.append(pl.DataFrame(made, schema=tables[0].schema))
+    return pl.concat(tables)
+
+
+class Reserved(NamedTuple):
+    """What asks for attention of some devices, the one with the greatest misfit first."""
+
+    words: str
+    devices: tuple[str, ...]
+
+
+def reserved_kinds(graded: pl.DataFrame) -> tuple[Reserved, ...]:
+    """By kind, which of `graded_devices` it is so of; what the fewest devices have comes first."""
+    each = graded.explode("kinds").drop_nulls("kinds").group_by("kinds", maintain_order=True)
+    found = [Reserved(str(k), tuple(t.get_column("device").to_list())) for (k,), t in each]
+    return tuple(sorted(found, key=lambda r: (len(r.devices), r.words)))
+
+
+def _kinds(
+    table: pl.DataFrame, by_kind: Mapping[str, Int[np.ndarray, " devices"]], worst: np.ndarray
+) -> list[list[str]]:
+    """Of each device what is not fine, without its numbers."""
+    found: list[list[str]] = [[] for _ in worst]
+    several = "reservations" in table.columns
+    own = table.get_column("reservations").to_list() if several else [None] * table.height
+    first = table.get_column("reservation").to_list()
+    for k in map(int, np.flatnonzero(worst > FINE)):
+        asked = [kind for kind, grades in by_kind.items() if grades[k] > FINE]
+        words = [first[k] if kind == "reservation" else kind for kind in asked]
+        # Of a device calibrated for itself all that `calibrate` found, and nothing else counts.
+        found[k] = [re.sub(NUMBERS, "…", text) for text in own[k] or words]
+    return found
 
 
 def device_grades(table: pl.DataFrame, manifest: Manifest) -> Int[np.ndarray, " devices"]:
     """The worst grade of each device of rows of the results' table, none of which was set aside."""
-    grades = np.full(table.height, FINE)
+    return _worst(_grades(table, manifest), table.height)
+
+
+def _worst(by_kind: Mapping[str, Int[np.ndarray, " devices"]], count: int) -> np.ndarray:
+    return np.max([np.full(count, FINE), *by_kind.values()], axis=0)
+
+
+def _grades(table: pl.DataFrame, manifest: Manifest) -> dict[str, Int[np.ndarray, " devices"]]:
+    """Grades of each device by what they are of, in words; "reservation" has words of its own in the table."""
     if not table.height:
-        return grades
+        return {}
+    grades: dict[str, Int[np.ndarray, " devices"]] = {}
     if manifest.documented:
         warned = table.get_column("warnings").list.len().fill_null(0).to_numpy() > 0
-        grades[warned] = ATTENTION
-    grades[table.get_column("reservation").is_not_null().to_numpy()] = ATTENTION
+        grades["the plausibility checks warn"] = np.where(warned, ATTENTION, FINE)
+    reserved = table.get_column("reservation").is_not_null().to_numpy()
+    grades["reservation"] = np.where(reserved, ATTENTION, FINE)
     low, high = (_numbers(table, f"temperature_{end}") for end in ("low", "high"))
     grid = np.linspace(low, high, GRID, axis=1)
     for triad, unit in UNITS.items():
         model: TriadModel | None = getattr(manifest, triad)
         if model is None:
             continue
+        name, rms = TRIAD_NAMES[triad], _numbers(table, f"{triad}_rms")
         ratio = np.sqrt(_numbers(table, f"{triad}_chi2_per_dof"))
-        grades = np.maximum(grades, grade_misfit(unit, _numbers(table, f"{triad}_rms"), ratio))
-        grades = np.maximum(grades, _of_parameters(table, triad, model, grid))
+        left = f"{name}: many times the noise is left, 'inertiax diagnose' looks for what the model leaves out"
+        grades[left] = grade_misfit(unit, rms, ratio)
+        grades[f"{name}: a parameter is uncertain"] = _of_parameters(table, triad, model, grid)
     return grades
 
 

@@ -19,7 +19,7 @@ from ..fleet.population.population import Population, read_population
 from ..fleet.population.unit_covariance import FEWEST
 from ..fleet.results import kinds_of_reasons
 from ..fleet.store import Manifest, read_manifest, read_parts
-from ..fleet.verdicts import count_verdicts, graded_devices
+from ..fleet.verdicts import count_verdicts, graded_devices, Reserved, reserved_kinds
 from ..plots import fleet as plots
 from ..plots.style import drawing
 from . import fleet_mismatch
@@ -52,6 +52,7 @@ class FleetPage(eqx.Module):
     reserved: tuple[str, ...] = eqx.field(
         static=True
     )  # devices whose fit is not good, doubtful first
+    why: tuple[Reserved, ...] = eqx.field(static=True)  # what the devices above are reserved for
     odd: tuple[OddRecording, ...] = eqx.field(static=True)
 
     @property
@@ -108,10 +109,15 @@ def fleet_page(
     unlike = {triad: unlike_devices(view) for triad, view in views.items()}
     line = read_line_file(folder) or ()
     fits = count_verdicts(folder, manifest)
-    reserved = graded_devices(folder, manifest).filter(pl.col("verdict") != "good").sort("verdict")
+    reserved = graded_devices(folder, manifest).filter(pl.col("verdict") != "good")
+    # Of many the one that the model explains the worst stands first.
+    reserved = reserved.sort("verdict", pl.col("ratio").fill_nan(0.0), descending=[False, True])
     names = tuple(reserved.get_column("device").to_list())
+    why = reserved_kinds(reserved)
     odd = odd_recordings(folder, manifest)
-    return FleetPage(manifest, population, states, views, unlike, drifts, line, fits, names, odd)
+    return FleetPage(
+        manifest, population, states, views, unlike, drifts, line, fits, names, why, odd
+    )
 
 
 def report_fleet(
@@ -186,6 +192,7 @@ def _verdict(page: FleetPage) -> Verdict:
             f"{subject} unlike the others. The calibration stands, but look before shipping."
         )
     lines += [fit_sentence(page.fits, page.reserved)] if total > aside else []
+    lines += reserved_lines(page.why)
     lines += [LEFT_OUT] if page.manifest.magnetometers else []
     lines += [odd_sentence(page.odd)] if page.odd else []
     for triad, drift in page.drifts.items():
@@ -214,8 +221,17 @@ def fit_sentence(fits: dict[str, int], reserved: Sequence[str] = ()) -> str:
         "good": "good", "usable": "usable with a reservation", "doubtful": "not to be used yet"
     }  # fmt: skip
     said = ", ".join(f"{fits[v]} {words[v]}" for v in words if fits[v])
-    which = ", ".join(reserved[:NAMED]) + (", …" if len(reserved) > NAMED else "")
-    return f"Fit by the rule of `calibrate`: {said}{f' ({which})' if which else ''}."
+    which = f" ({_named(reserved)})" if reserved else ""
+    return f"Fit by the rule of `calibrate`: {said}{which}."
+
+
+def reserved_lines(why: Sequence[Reserved]) -> list[str]:
+    """What devices are reserved for, each with how many, and the first of them; the rarest first."""
+    return [f"{len(r.devices)} × {r.words.rstrip('.')} ({_named(r.devices)})" for r in why[:NAMED]]
+
+
+def _named(devices: Sequence[str]) -> str:
+    return ", ".join(devices[:NAMED]) + (", …" if len(devices) > NAMED else "")
 
 
 def _percent(part: int, whole: int) -> str:
