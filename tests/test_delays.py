@@ -17,6 +17,7 @@ from inertiax.diagnose.observations.model_rows import calibrated
 from inertiax.diagnose.pipeline import diagnose_campaign
 from inertiax.effects import CATALOGUE
 from inertiax.exports.compensated_recording import compensate_recording
+from inertiax.plausibility import check_campaign
 
 
 # What a delay could be taken for here: a scale factor that bends, or differs by sign, changes on the same ramps.
@@ -24,8 +25,11 @@ ALIKE = [e for e in CATALOGUE if e.name in ("time_delay", "rate_nonlinearity", "
 NOISE = 2e-4  # rad/s, one sample
 
 
-def rate_table(delay=(0.0, 0.0, 0.0), curve=0.0, rate=50.0, seed=0):
-    """Ramps to plateaus of both signs about three axes; `curve` is the change of a scale factor up to 100 deg/s."""
+def rate_table(delay=(0.0, 0.0, 0.0), curve=0.0, rate=50.0, seed=0, earth=False):
+    """Ramps to plateaus of both signs about three axes; `curve` is the change of a scale factor up to 100 deg/s.
+
+    `earth` adds the Earth's rate, of 45° north, about an axis that turns with the table.
+    """
     rng = np.random.default_rng(seed)
     corners, levels, still = [0.0], [np.zeros(3)], []
     for axis in np.eye(3):
@@ -38,6 +42,8 @@ def rate_table(delay=(0.0, 0.0, 0.0), curve=0.0, rate=50.0, seed=0):
                 levels.append(level * axis)
     time = np.arange(0.0, corners[-1], 1.0 / rate)
     value = lambda t, c: np.interp(t, corners, np.array(levels)[:, c])
+    if earth:
+        value = with_earth(value, corners[-1])
     given = np.stack([value(time, c) for c in range(3)], axis=1)
     late = np.stack([value(time - delay[c], c) for c in range(3)], axis=1)
     felt = late * (1.0 + curve * (late / np.deg2rad(100.0)) ** 2)
@@ -51,6 +57,18 @@ def rate_table(delay=(0.0, 0.0, 0.0), curve=0.0, rate=50.0, seed=0):
     )  # fmt: skip
     model = ModelChoice(gyro_estimator="reference", temperature_degree=0)
     return Campaign((recording,), Site(9.81), Rig(None, 5e-6), model, "consumer")
+
+
+def with_earth(rates, end):
+    """The same with the Earth's rate in the case, which turns about x, then y, then z."""
+    fine = np.arange(0.0, end, 0.01)
+    angles = np.cumsum([rates(fine, c) for c in range(3)], axis=1).T * 0.01
+    turned = (
+        Rotation.from_euler("XYZ", angles)
+        .inv()
+        .apply(7.292115e-5 * np.sqrt(0.5) * np.array([0.0, 1.0, 1.0]))
+    )
+    return lambda t, c: rates(t, c) + np.interp(t, fine, turned[:, c])
 
 
 def seen(campaign):
@@ -104,6 +122,48 @@ def test_no_delay_is_found_where_there_is_none_even_if_the_scale_factor_bends(cu
 
 def test_a_coarse_log_has_no_ramps_to_show():
     assert seen(rate_table((0.1, 0.1, 0.1), rate=5.0)) is None
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("delay", [0.08, 0.4])
+def test_rows_far_apart_tell_delays_of_several_rows_where_ramps_last_longer(delay):
+    found = seen(rate_table((delay,) * 3, rate=12.5))
+    assert found.found == (0, 1, 2)
+    # A kink between two rows lies a twelfth of a row beside its chord at the most, in each of a ramp's corners.
+    np.testing.assert_allclose(found.value, delay, atol=1e-3)
+    with jax.enable_x64(True):
+        named = diagnose(rate_table((delay,) * 3, rate=12.5, earth=True))
+    assert [e.name for e in named.effects] == ["time_delay"]
+
+
+def told(campaign):
+    """What the checks say of the clocks."""
+    return [f for f in check_campaign(campaign).findings if f.kind == "delay"]
+
+
+@pytest.mark.parametrize("rate", [12.5, 50.0])
+def test_the_checks_say_by_how_much_references_in_columns_are_early(rate):
+    (early,) = told(rate_table((0.1,) * 3, rate=rate))
+    evidence = dict(early.evidence)
+    # 5 sigma: a chance of 1e-6; at 12.5 Hz 0.1 s lies between two rows, whose chord leaves out a kink.
+    assert abs(evidence["seconds"] + 0.1) < max(5.0 * evidence["std"], 1e-3)
+    assert "0.100 s early" in early.statement
+    assert told(rate_table(rate=rate)) == []
+
+
+def test_a_rate_that_was_told_is_no_motion_whose_clock_is_late():
+    campaign = rate_table(rate=10.0)
+    (recording,) = campaign.recordings
+    given = recording.reference_gyro
+    jumps = np.deg2rad(20.0) * np.round(given / np.deg2rad(20.0))  # holds and jumps, as a command
+    assert np.abs(np.diff(jumps, axis=0)).max() > 0.3
+    shown = Recording(
+        time=recording.time, gyro=recording.gyro, temperature=recording.temperature, position=recording.position,
+        reference_gyro=np.roll(jumps, -8, axis=0),
+    )  # fmt: skip
+    assert (
+        told(Campaign((shown,), campaign.site, campaign.rig, campaign.model, campaign.grade)) == []
+    )
 
 
 @pytest.mark.slow

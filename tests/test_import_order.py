@@ -19,7 +19,7 @@ report protocol cli __main__""".split()
 STAGES = {
     "diagnose": """observations candidates noise without_interference problem problem_of_motions element_temperature
 selection plan residuals result estimates custom_model wording findings contradicted_gyros turned_mount late_elements
-degree_beside pipeline held_out_stretch learn_type_noise __init__""".split(),
+partial_lag degree_beside pipeline held_out_stretch learn_type_noise __init__""".split(),
     "fleet": """reduce magnetometers solve effects population model_choice store copies input_hashes
 covariance_by_source lever_arms rows reuse one_by_one line_plausibility fit derivatives overview results verdicts
 cluster task_runs pipeline __init__""".split(),

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from inertiax.diagnose.late_elements import _Chain, _fit
+from inertiax.diagnose.late_elements import _fit, Chain
 
 
 NAMES = ("gyro.bias[0]", "gyro.matrix[0,0]", "gyro.matrix[0,1]", "gyro.matrix[0,2]")
@@ -16,7 +16,7 @@ def faces():
     rates = np.repeat(np.eye(3), 2 * DWELLS, axis=0) * rng.uniform(-3.0, 3.0, (6 * DWELLS, 1))
     rates[::2] = 0.0
     jacobian = np.column_stack([np.ones(len(rates)), rates])
-    return [_Chain(1e-3 * rng.standard_normal(len(rates)), jacobian, jacobian[:, :1], NAMES)]
+    return [Chain(1e-3 * rng.standard_normal(len(rates)), jacobian, jacobian[:, :1], NAMES)]
 
 
 @pytest.mark.parametrize("degree", [1, 2, 4])

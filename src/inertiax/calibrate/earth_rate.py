@@ -8,10 +8,15 @@ from jaxtyping import Float
 
 from ..calibration.calibration import TriadCalibration
 from ..calibration.quantities import DEG_PER_HOUR
-from ..data.recording import Site
+from ..data.recording import Campaign, Site
 from ..physics.wgs84 import EARTH_RATE
 from ..reduction.dwells import Dwells
-from ..reduction.earth_at_rest import horizontal_covariance, is_known
+from ..reduction.earth_at_rest import (
+    horizontal_covariance,
+    is_known,
+    shown_by_dwells,
+    without_earth_rate,
+)
 
 
 HEADING = "Earth's rate, heading unknown"  # as a source of uncertainty
@@ -41,8 +46,13 @@ def heading_covariance(
     return made
 
 
-def earth_rate_words(dwells: Dwells, site: Site) -> tuple[str, ...]:
-    """What became of Earth's rate; nothing where a reference holds it."""
+def earth_taken_away(dwells: Dwells, campaign: Campaign) -> tuple[Dwells, tuple[str, ...]]:
+    """The dwells without what is known of Earth's rate, and what became of it."""
+    return without_earth_rate(dwells, campaign), _words(dwells, campaign.site)
+
+
+def _words(dwells: Dwells, site: Site) -> tuple[str, ...]:
+    """What becomes of Earth's rate in dwells as recorded; nothing where a reference holds it."""
     if dwells.gyro is None or dwells.reference_gyro is not None:
         return ()
     whole = DEG_PER_HOUR * EARTH_RATE
@@ -50,6 +60,12 @@ def earth_rate_words(dwells: Dwells, site: Site) -> tuple[str, ...]:
         cure = "; [site] latitude takes its vertical part away" if dwells.accel is not None else ""
         return (f"gyros: Earth's rate, up to {whole:.1f} °/h, is part of the biases{cure}",)
     up, level = math.sin(site.latitude), math.cos(site.latitude)
+    shown = shown_by_dwells(dwells, site)
+    if shown is not None and shown.absent:
+        return (
+            f"gyros: Earth's rate, {whole * up:.1f} °/h along the vertical by the latitude, is not in them: rests show "
+            f"{shown.part:.2f} ± {shown.std:.2f} of it, and none is taken away",
+        )
     sigma = DEG_PER_HOUR * np.sqrt(np.diagonal(horizontal_covariance(dwells, site)).max())
     return (
         f"gyros: Earth's rate along the vertical, {whole * up:.1f} °/h by the latitude, is taken away from the rests; "

@@ -37,7 +37,6 @@ from ..plausibility.stated_rates import ramps_sentence
 from ..reduction.device_segments import of_one_device
 from ..reduction.dwell_means import reduce_to_dwells
 from ..reduction.dwells import Dwells, without_held
-from ..reduction.earth_at_rest import without_earth_rate
 from ..reduction.handling import handling_words, kept_sentence, with_force_counted
 from ..reduction.known_moves import move_words, take_moves
 from ..reduction.rig_errors import rate_words, table_words, with_rig_errors
@@ -52,7 +51,7 @@ from .attitudes_over_temperature import one_attitude_over_temperature
 from .barometer import barometer_beside
 from .bias_moment import moment_words
 from .described_model import described_model
-from .earth_rate import earth_rate_words, with_earth_rate
+from .earth_rate import earth_taken_away, with_earth_rate
 from .gyros import calibrate_gyros
 from .joint_imu_fit import fit_together, Together
 from .level_by_recording import triad_words
@@ -200,7 +199,7 @@ def _estimated(
         )
         return _magnetometers_alone(campaign, chosen, robust, progress, why)
     dwells = with_rig_errors(dwells, campaign.rig)
-    dwells = without_earth_rate(dwells, campaign)
+    dwells, of_earth = earth_taken_away(dwells, campaign)
     warning = None
     if chosen.accel_estimator is not None:
         chosen, warning = settle_accel(campaign, chosen, dwells)
@@ -247,7 +246,7 @@ def _estimated(
     baro, failed = barometer_beside(campaign.recordings)
     warnings.extend(failed)
     choices.extend(() if baro is None else baro.statements)
-    choices.extend(earth_rate_words(raw, campaign.site) if gyro_result is not None else ())
+    choices.extend(of_earth if gyro_result is not None else ())
     if gyro_result is not None and chosen.gyro_estimator is not None:
         choices.extend(f"gyros: {w}" for w in rate_words(chosen.gyro_estimator, campaign.rig))
     estimators = (chosen.accel_estimator, chosen.gyro_estimator)

@@ -33,7 +33,7 @@ WORTH = 20.0  # by the criterion: odds of 20 000 to 1
 (LAG,) = (e for e in CATALOGUE if e.name == "thermal_lag")
 
 
-class _Chain(NamedTuple):
+class Chain(NamedTuple):
     """Rows of one chain, a dwell each: outputs, and their derivatives by the parameters at one temperature."""
 
     output: Float[np.ndarray, " dwell"]
@@ -74,11 +74,11 @@ def _late(prepared: Prepared, degree: int | None) -> Curves | None:
     if signal.temperature is None or signal.at_temperature is None:
         return None
     place = np.unique(blocks.dwell, return_inverse=True)[1]
-    probe = _means(blocks.mean(np.asarray(signal.temperature)), place)
+    probe = means_of_dwells(blocks.mean(np.asarray(signal.temperature)), place)
     low, high = float(probe.min()), float(probe.max())
     if high - low < LEAST_SPAN:
         return None
-    chains = _chains(prepared, place)
+    chains = chains_of(prepared, place)
     highest = min(HIGHEST_DEGREE, temperature_levels(probe) - 1)
     degrees = range(1, highest + 1) if degree is None else range(degree, degree + 1)
 
@@ -89,7 +89,7 @@ def _late(prepared: Prepared, degree: int | None) -> Curves | None:
 
     nothing = np.zeros((len(probe), 0))
     plain = min(fitted(probe, nothing), default=None)
-    every = [list(fitted(*_element(prepared, place, v))) for v in LAG.variants(signal)]
+    every = [list(fitted(*element_at_dwells(prepared, place, v))) for v in LAG.variants(signal)]
     late = min((f for fits in every for f in fits), default=None)
     if plain is None or late is None:
         return None
@@ -104,7 +104,7 @@ def _late(prepared: Prepared, degree: int | None) -> Curves | None:
     return Curves(low, high, values)
 
 
-def _element(
+def element_at_dwells(
     prepared: Prepared, place: np.ndarray, variant: Variant
 ) -> tuple[Float[np.ndarray, " dwell"], Float[np.ndarray, "dwell pause"]]:
     """Temperature of late elements at the dwells, and what is left there of a degree that each pause changed it by."""
@@ -115,24 +115,24 @@ def _element(
     since = np.asarray(signal.since_power)
     cycle = np.cumsum(np.r_[False, np.diff(since) < 0.0])
     left = np.exp(-since / constant)[:, None] * (cycle[:, None] == np.arange(1, cycle[-1] + 1))
-    return _means(blocks.mean(element), place), _means(blocks.mean(left), place)
+    return means_of_dwells(blocks.mean(element), place), means_of_dwells(blocks.mean(left), place)
 
 
-def _chains(prepared: Prepared, place: np.ndarray) -> list[_Chain]:
+def chains_of(prepared: Prepared, place: np.ndarray) -> list[Chain]:
     """The triad's rows, linear in the parameters about the calibration's, as means of dwells."""
     base, size, made = prepared.system.base, prepared.form.degree + 1, []
     flat = base.coefficients.reshape(-1)
     for observed, columns, index in zip(base.observed, base.columns, base.index):
         # The first of each parameter's columns is of the constant polynomial.
         output = observed + columns @ flat[index]
-        jacobian = _means(columns[:, ::size], place)
+        jacobian = means_of_dwells(columns[:, ::size], place)
         names = tuple(prepared.form.names[k] for k in index[::size] // size)
         biases = [".bias[" in name for name in names]
-        made.append(_Chain(_means(output, place), jacobian, jacobian[:, biases], names))
+        made.append(Chain(means_of_dwells(output, place), jacobian, jacobian[:, biases], names))
     return made
 
 
-def _means(rows: Float[np.ndarray, "block *more"], place: np.ndarray) -> np.ndarray:
+def means_of_dwells(rows: Float[np.ndarray, "block *more"], place: np.ndarray) -> np.ndarray:
     """Means over the blocks of each dwell."""
     total = np.zeros((place.max() + 1, *rows.shape[1:]))
     np.add.at(total, place, rows)
@@ -140,7 +140,7 @@ def _means(rows: Float[np.ndarray, "block *more"], place: np.ndarray) -> np.ndar
 
 
 def _fit(
-    chains: list[_Chain],
+    chains: list[Chain],
     basis: Float[np.ndarray, "dwell size"],
     left: Float[np.ndarray, "dwell pause"],
 ) -> _Fit | None:

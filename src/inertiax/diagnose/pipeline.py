@@ -43,6 +43,7 @@ from .findings import find, find_all, find_in_motions, Finding, Progress, silent
 from .noise.pooled_channels import TOLD
 from .noise.reml import interval_noise
 from .noise.type_noise import TypeNoise
+from .partial_lag import with_part_late
 from .plan.detectability import Audited, conclude
 from .plan.limits import smallest
 from .problem import prepare, Prepared, Problem
@@ -153,7 +154,8 @@ def _calibrated(
         unheld = with_unheld(found, problem.plain, findings, problem.campaign)
         return (_with_scatter(found, problem.plain) if unheld is found else unheld), plain
     if found.verdict != "missing-physics":
-        return found, plain
+        return with_part_late(found, problem), plain
+    found = with_part_late(found, problem, named)
     log = problem.log
     delays = [f.delay for f in findings if f.delay is not None]
     forms = {f.prepared.form.triad: f.prepared.form for f in findings}

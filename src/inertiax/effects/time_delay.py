@@ -47,7 +47,7 @@ EFFECT = Effect(
     },
     shape=shape,
     in_numpy=True,
-    needs="a reference and ramps of the input, in rows at most 50 ms apart",
+    needs="a reference and ramps of the input, in rows at most 50 ms apart or ten a ramp",
     driver="rate_of_change",
     sentence="The output of {channels} lags the reference.",
     separating="reverse the direction of rotation: the error changes sign",

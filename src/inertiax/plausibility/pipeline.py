@@ -16,6 +16,7 @@ from .clock import check_clock
 from .converter import check_converter
 from .corrected_outputs import check_corrected_outputs
 from .dead_channels import check_dead_channels
+from .earth_shown import check_earth_shown
 from .evidence import DeviceLogs, look_at
 from .finding import Finding, Plausibility
 from .gravity import check_gravity
@@ -62,6 +63,7 @@ CHECKS: tuple[Check, ...] = (
     check_idle_reference,
     check_table_delay,
     check_azimuth,
+    check_earth_shown,
     check_stated_rates,
     check_gravity,
     check_clock,

@@ -1,4 +1,4 @@
-"""The clock of a table against the device's: how late the stamps of its angles are."""
+"""The clock of a table against the device's: how late the stamps of its angles, or references in columns, are."""
 
 import numpy as np
 from jaxtyping import Float
@@ -10,17 +10,24 @@ from .table_drift import drift_of_table
 from .thresholds import Thresholds
 
 
-_EXPLAINED = 0.25  # of the misfit is left at the most by a delay of less than a row
+# Of the misfit is left at the most by a delay of less than a row, and by any of references in columns, which may be
+# the rates that the table was told: a delay of its control, or of a low-pass, leaves more.
+_EXPLAINED = 0.25
+_MEANS = 0.75  # rows; outputs that are means over their row are half of one late, by no clock
+_RAMP = 3  # rows at least of a change that is a motion; a rate that was told jumps
+_CHANGES = 1e-3  # of the largest speed, from one row to the next
 
 
 def check_table_delay(device: DeviceLogs, limits: Thresholds) -> list[Finding]:
     """A warning where the gyros turn earlier or later than the angles say, with the delay that mends it, or with delay
-    and drift where that changes from the first row to the last.
+    and drift where that changes from the first row to the last; the same of references in columns, in words.
 
     At 100 °/s a tenth of a second is 10° of gravity's direction.
     """
-    if device.columns.table_angles is None or "gyro" in device.left_alone:
+    if "gyro" in device.left_alone:
         return []
+    if device.columns.table_angles is None:
+        return [f for log in device.logs if (f := _in_columns(log, limits)) is not None]
     told = {k: found for k, log in enumerate(device.logs) if (found := _late(log)) is not None}
     drifts = drift_of_table(device, {k: sigma for k, (_, sigma) in told.items()}, limits)
     if drifts is not None:  # its lines hold the delay, too
@@ -49,18 +56,46 @@ def check_table_delay(device: DeviceLogs, limits: Thresholds) -> list[Finding]:
     ]  # fmt: skip
 
 
-def _late(log: Log) -> tuple[float, float] | None:
-    """By how much the reference of a log is late, s, and its standard error."""
+def _late(log: Log, always: bool = False) -> tuple[float, float] | None:
+    """By how much the reference of a log is late, s, and its standard error; `always` only where that explains it."""
     gyro, reference, time = log.recording.gyro, log.recording.reference_gyro, log.recording.time
     if gyro is None or reference is None:
         return None
     one, other = (evened(time, _speed(x)) for x in (gyro, reference))
     found = delay_of(time, one, time, other)
-    if found is None or abs(found[0]) >= log.step:
+    if found is None or (abs(found[0]) >= log.step and not always):
         return found
     # A part of a row is resolved where turns last several rows: else rows that are means over their step seem late.
     left, given = (misfit_with(time, one, other, d) for d in (found[0], 0.0))
     return found if left < _EXPLAINED * given else None
+
+
+def _in_columns(log: Log, limits: Thresholds) -> Finding | None:
+    """A warning where the references beside the outputs move at other moments than the gyros turn."""
+    reference = log.recording.reference_gyro
+    if reference is None or not _moves(_speed(reference)):
+        return None
+    found = _late(log, always=True)
+    least = max(limits.table_delay, _MEANS * log.step)
+    if found is None or abs(found[0]) < max(least, limits.table_delay_sigmas * found[1]):
+        return None
+    late, sigma = found
+    side = "late" if late > 0 else "early"
+    text = (
+        f"{log.name}: the reference columns are {abs(late):.3f} s {side}, as the gyros turn: two clocks. References "
+        f"are wrong while the table turns. Move reference_accel, reference_gyro and position by that "
+        f"({abs(late) / log.step:.3g} rows) towards the {'beginning' if late > 0 else 'end'} of the log."
+    )
+    return finding("delay", "warning", "reference_gyro", text, seconds=late, std=sigma)
+
+
+def _moves(speed: Float[np.ndarray, " rows"]) -> bool:
+    """Whether most of a reference's changes of speed last several rows, as motions do."""
+    steps = np.abs(np.diff(speed))
+    changing = steps > _CHANGES * speed.max(initial=0.0)
+    edges = np.flatnonzero(np.diff(np.r_[False, changing, False]))
+    lasts = [(a, b) for a, b in zip(edges[::2], edges[1::2]) if b - a >= _RAMP]
+    return bool(sum(steps[a:b].sum() for a, b in lasts) > 0.5 * steps[changing].sum())
 
 
 def _right(device: DeviceLogs, late: dict[int, float], one: float) -> str | None:

@@ -27,6 +27,7 @@ from ..data.recording import Campaign, Site
 from ..physics.vectors import unit_vector
 from ..physics.wgs84 import EARTH_RATE
 from .dwells import Dwells
+from .shown_earth_rate import Shown, shown_earth_rate
 
 
 # Earth rates: what a reference that holds all of it has across gravity, from 1° off the poles on.
@@ -60,12 +61,22 @@ def vertical_earth_rate(
 
 def without_vertical_earth_rate(dwells: Dwells, site: Site) -> Dwells:
     """Dwells whose gyro means at rest are without Earth's vertical part; unchanged where a reference holds Earth's
-    rate, without accelerometers, and without a latitude."""
-    if not is_known(dwells, site):
+    rate, without accelerometers, without a latitude, and where the gyros show none of it (`shown_earth_rate`)."""
+    shown = shown_by_dwells(dwells, site)
+    if not is_known(dwells, site) or (shown is not None and shown.absent):
         return dwells
     rest = np.asarray(dwells.position)[:, None] >= 0
     vertical = np.where(rest, vertical_earth_rate(np.asarray(dwells.accel), site), 0.0)
     return dataclasses.replace(dwells, gyro=np.asarray(dwells.gyro) - vertical)
+
+
+def shown_by_dwells(dwells: Dwells, site: Site) -> Shown | None:
+    """How much of Earth's vertical part the means of rests show; `None` where it is not known, or they do not tell."""
+    if not is_known(dwells, site):
+        return None
+    rest = (np.asarray(dwells.position) >= 0) & np.asarray(dwells.valid)
+    gyro, force, count = (np.asarray(x)[rest] for x in (dwells.gyro, dwells.accel, dwells.count))
+    return shown_earth_rate(gyro, force, count, site)
 
 
 def without_earth_rate(dwells: Dwells, campaign: Campaign) -> Dwells:

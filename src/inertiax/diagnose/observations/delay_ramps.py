@@ -24,11 +24,15 @@ from .model_rows import CalibratedTriad
 from .signals import at_temperature
 
 
-SLOWEST = 0.05  # s; rows farther apart do not follow a ramp
+SLOWEST = 0.05  # s; rows farther apart do not follow every ramp
+# Rows of the usual ramp that follow it however far apart they are: the slope is wrong at its two ends, in a row each.
+FOLLOWED = 10
 LONGEST = 2.0  # s; a longer change is cut into pieces of that
 FEWEST = 5.0  # ramps, counted by what each of them tells
 CHANGING = 0.05  # part of the steepest slope from which the input changes
 LEVEL = 1e-4  # family-wise false alarms of one triad
+STEPS = 5  # of Gauss and Newton, where a delay is longer than a row; each squares what the one before left
+MEASURED = 0.1  # of the output's change from row to row: a reference that scatters more is measured, with noise
 SHARE = 0.5  # of what the ramps show beyond white noise: what a delay must explain to be called one
 
 
@@ -76,13 +80,19 @@ def find_delay(log: Log, base: CalibratedTriad) -> Delay | None:
     """The delay of a triad that has a reference; `None` where the log holds too few ramps or too coarse ones."""
     triad = base.form.triad
     given, output = getattr(log, f"reference_{triad}"), getattr(log, triad)
-    if not base.form.by_reference or given is None or log.step > SLOWEST:
+    if not base.form.by_reference or given is None:
         return None
     ramps = _ramps(log, given)
-    if len(ramps) < FEWEST:
+    if len(ramps) < FEWEST or not _followed(log, ramps):
         return None
-    seen = _seen(log, base, ramps)
+    seen = _seen(log, base, ramps, np.zeros(3))
     value, std, number = _agreed(seen)
+    if (
+        np.abs(value).max() > log.step
+    ):  # the slope at a row says little of what lies a row and more beside it
+        for _ in range(STEPS):
+            seen = _seen(log, base, ramps, value)
+            value, std, number = _agreed(seen)
     freedom = np.maximum(number - 1.0, 1.0)
     p_value = np.minimum(6.0 * scipy.special.stdtr(freedom, -np.abs(value) / std), 1.0)
     before, after = seen.square(np.zeros(3)), seen.square(value)
@@ -96,16 +106,27 @@ def find_delay(log: Log, base: CalibratedTriad) -> Delay | None:
     return Delay(triad, value, std, freedom, p_value, _gain(seen), size, tuple(ramps), channels)
 
 
-def _seen(log: Log, base: CalibratedTriad, ramps: Sequence[Ramp]) -> _Seen:
-    """The ramps of a log under a fitted baseline."""
+def _followed(log: Log, ramps: Sequence[Ramp]) -> bool:
+    """Whether rows are near enough to each other for the ramps; a third of a `Ramp`'s rows is the ramp itself."""
+    return (
+        log.step <= SLOWEST or float(np.median([r.stop - r.start for r in ramps])) >= 3 * FOLLOWED
+    )
+
+
+def _seen(
+    log: Log, base: CalibratedTriad, ramps: Sequence[Ramp], about: Float[np.ndarray, "3"]
+) -> _Seen:
+    """The ramps of a log under a fitted baseline, linear in the delays about some."""
     triad = base.form.triad
-    expected = _expected(log, base)
-    change, left = -_slope(log, expected), getattr(log, triad) - expected
+    expected = _later(log, _expected(log, base), about)
+    change = -_slope(log, expected)
+    left = getattr(log, triad) - expected + about * change
     pieces = [slice(ramp.start, ramp.stop) for ramp in ramps]
     centred = lambda x: [x[rows] - x[rows].mean(axis=0) for rows in pieces]
     if triad == "gyro" or log.reference_gyro is None:
         return _Seen(centred(left), centred(change))
-    rate, faster = log.reference_gyro, _slope(log, log.reference_gyro)
+    rate = _later(log, log.reference_gyro, np.full(3, about.mean()))
+    faster = _slope(log, rate)
     arms = [_by_lever_arms(rate[rows], faster[rows]) for rows in pieces]
     arms = [a - a.mean(axis=0) for a in arms]
     return _Seen(_beside(arms, centred(left)), _beside(arms, centred(change)))
@@ -156,20 +177,32 @@ def _expected(log: Log, base: CalibratedTriad) -> np.ndarray:
 
 def without_delay(log: Log, delay: Delay, base: CalibratedTriad) -> Log:
     """The log with the outputs that a triad without those delays would have given."""
-    expected = _expected(log, base)
-    moved, near = getattr(log, delay.triad).copy(), np.zeros(len(log.time), bool)
+    output, expected = getattr(log, delay.triad), _expected(log, base)
+    value = np.where(np.isin(np.arange(3), delay.found), delay.value, 0.0)
+    near = np.zeros(len(log.time), bool)
     for ramp in delay.ramps:
-        near[ramp.start : ramp.stop] = (
-            True  # elsewhere a measured reference would only bring its noise
-        )
+        beside = int(np.ceil(np.abs(value).max() / log.step))
+        near[max(ramp.start - beside, 0) : ramp.stop + beside] = True
+    # In a plateau the case turns under the Earth's rate, and gravity; there a measured reference would bring its noise.
+    turning = (log.position < 0) & ~near
+    scatter = lambda x: (
+        np.median(np.abs(np.diff(x[turning], n=2, axis=0))) if turning.any() else 0.0
+    )
+    if scatter(expected) <= MEASURED * scatter(output):
+        near |= turning
+    moved = np.where(near[:, None], output + expected - _later(log, expected, value), output)
+    return eqx.tree_at(lambda x: getattr(x, delay.triad), log, moved)
+
+
+def _later(log: Log, values: np.ndarray, delay: Float[np.ndarray, "3"]) -> np.ndarray:
+    """What three channels were by their delays (s) before each row, recording by recording."""
+    made = values.copy()
     for number in np.unique(log.recording):
         rows = np.flatnonzero(log.recording == number)
-        turning = rows[near[rows]]
-        for c in delay.found:
-            late = log.time[turning] - float(delay.value[c])
-            before = np.interp(late, log.time[rows], expected[rows, c])
-            moved[turning, c] += expected[turning, c] - before
-    return eqx.tree_at(lambda x: getattr(x, delay.triad), log, moved)
+        for c in np.flatnonzero(delay):
+            moments = log.time[rows] - delay[c]
+            made[rows, c] = np.interp(moments, log.time[rows], values[rows, c])
+    return made
 
 
 def _slope(log: Log, values: np.ndarray) -> np.ndarray:

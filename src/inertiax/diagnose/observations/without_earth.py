@@ -8,6 +8,7 @@ from jaxtyping import Float
 from ...data.recording import Recording, Site
 from ...reduction.earth_at_rest import vertical_earth_rate
 from ...reduction.segments import Segments
+from ...reduction.shown_earth_rate import shown_earth_rate
 
 
 def earth_taken_away(
@@ -15,13 +16,25 @@ def earth_taken_away(
 ) -> Float[np.ndarray, "time 3"] | None:
     """What `without_vertical_earth_rate` takes away from the gyros at rest, rad/s; `None` where that is nothing.
 
-    A reference holds Earth's rate in the rows of all models, of gravity's rotation as well.
+    A reference holds Earth's rate in the rows of all models, of gravity's rotation as well. Where gyros do not tell
+    whether it is there, only as much as they show is taken: the rest of it would be a g-sensitivity of all axes.
     """
     made, first = np.zeros((sum(r.num_samples for r in recordings), 3)), 0
+    rows, force, gyro = [], [], []
     for recording, part in zip(recordings, segments, strict=True):
         if recording.reference_gyro is None and recording.accel is not None:
             for a, b in zip(part.start[part.resting], part.stop[part.resting], strict=True):
-                force = recording.accel[a:b].mean(axis=0)[None]
-                made[first + a : first + b] = vertical_earth_rate(force, site)
+                rows.append((first + a, first + b))
+                force.append(recording.accel[a:b].mean(axis=0))
+                if recording.gyro is not None:
+                    gyro.append(recording.gyro[a:b].mean(axis=0))
         first += recording.num_samples
+    if not rows:
+        return None
+    vertical = vertical_earth_rate(np.array(force), site)
+    if len(gyro) == len(force):
+        shown = shown_earth_rate(np.array(gyro), np.array(force), np.diff(rows, axis=1)[:, 0], site)
+        vertical = vertical * (1.0 if shown is None else shown.likeliest)
+    for (a, b), rate in zip(rows, vertical, strict=True):
+        made[a:b] = rate
     return made if made.any() else None

@@ -1,0 +1,43 @@
+"""Whether gyros show the Earth's rate that the latitude says, in the poses in which they lie still."""
+
+import math
+
+import numpy as np
+
+from ..data.recording import Site
+from ..physics.wgs84 import EARTH_RATE
+from ..reduction.shown_earth_rate import shown_earth_rate
+from .evidence import DeviceLogs
+from .finding import Finding, finding
+from .thresholds import Thresholds
+
+
+def check_earth_shown(device: DeviceLogs, limits: Thresholds) -> list[Finding]:
+    """A note where the Earth's rate along the vertical is not in the gyros' means, as where a driver has taken those
+    away: then it is not taken from them again. See `reduction.shown_earth_rate`."""
+    del limits
+    logs = [
+        log for log in device.logs
+        if log.recording.gyro is not None and log.recording.accel is not None
+        and log.recording.reference_gyro is None and log.num_rests and not log.turning
+    ]  # fmt: skip
+    site = device.site
+    if site.latitude is None or not logs or "gyro" in device.left_alone:
+        return []
+    means = lambda triad: np.concatenate([m.mean for log in logs if (m := log.over_rests(triad))])
+    count = np.concatenate([log.stop - log.start for log in logs])
+    shown = shown_earth_rate(means("gyro"), means("accel"), count, site)
+    if shown is None or not shown.absent:
+        return []
+    return [finding("earth_rate", "note", "gyro", _text(logs[0].name, site, shown.part, shown.std, len(count)),
+                    part=shown.part, std=shown.std, rests=len(count))]  # fmt: skip
+
+
+def _text(name: str, site: Site, part: float, std: float, rests: int) -> str:
+    assert site.latitude is not None
+    expected = 3600.0 * math.degrees(EARTH_RATE * math.sin(site.latitude))
+    return (
+        f"{name}: the gyros' means in {rests} rests show {part:.2f} ± {std:.2f} of Earth's rate along the vertical, "
+        f"{expected:.1f} °/h by [site] latitude: outputs from which a driver took it with the mean at rest, or another "
+        "latitude. It is not taken away from them."
+    )

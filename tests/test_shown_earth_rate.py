@@ -1,0 +1,98 @@
+"""Gyros that show no Earth's rate at rest, or do not tell whether they do."""
+
+import numpy as np
+import pytest
+
+from inertiax.data.recording import Campaign, Recording, Site
+from inertiax.diagnose.observations.without_earth import earth_taken_away
+from inertiax.physics.wgs84 import EARTH_RATE
+from inertiax.plausibility import check_campaign
+from inertiax.reduction.dwell_means import reduce_to_dwells
+from inertiax.reduction.earth_at_rest import without_vertical_earth_rate
+from inertiax.reduction.segments import segment_each
+from inertiax.reduction.shown_earth_rate import Shown, shown_earth_rate
+
+
+SITE = Site(9.81, np.deg2rad(48.0))
+UP = EARTH_RATE * np.sin(SITE.latitude)
+
+
+def means(part, noise, rests=24, seed=0):
+    """Means of rests in directions by chance whose gyros show that part of the vertical Earth's rate."""
+    rng = np.random.default_rng(seed)
+    up = rng.standard_normal((rests, 3))
+    up /= np.linalg.norm(up, axis=1)[:, None]
+    return (
+        1e-3 + part * UP * up + noise * rng.standard_normal((rests, 3)),
+        9.81 * up,
+        np.full(rests, 400.0),
+    )
+
+
+@pytest.mark.parametrize("part", [0.0, 1.0])
+def test_the_part_and_its_scatter_are_those_of_repetitions(part):
+    found = [shown_earth_rate(*means(part, 0.5 * UP, seed=k), SITE) for k in range(200)]
+    parts = np.array([f.part for f in found])
+    stated = np.sqrt(np.mean([f.std**2 for f in found]))
+    # The pooled weights come from the scatter itself, and unlike axes widen: 0.8 to 1.5 of what repetitions scatter by
+    # is what 200 of them, known to 5 %, may say of that.
+    assert 0.8 < stated / parts.std() < 1.5
+    assert abs(parts.mean() - part) < 5.0 * parts.std() / np.sqrt(200.0)
+
+
+def test_what_is_there_is_not_called_absent_and_what_is_not_mostly_is():
+    there = [shown_earth_rate(*means(1.0, 0.5 * UP, seed=k), SITE).absent for k in range(200)]
+    lacking = [shown_earth_rate(*means(0.0, 0.5 * UP, seed=k), SITE).absent for k in range(200)]
+    assert sum(there) <= 1  # one of 1400 by chance
+    assert sum(lacking) > 150
+
+
+def test_what_is_taken_is_all_or_none_where_it_is_told_and_as_much_as_is_shown_where_it_is_not():
+    assert Shown(1.3, 0.2).likeliest == 1.0 and Shown(0.1, 0.2).likeliest == 0.0
+    assert Shown(0.4, 0.5).likeliest == 0.4 and Shown(-0.7, 0.6).likeliest == 0.0
+    assert not Shown(-0.7, 0.6).absent and not Shown(-10.0, 0.5).absent  # which is a g-sensitivity
+
+
+def test_few_rests_and_no_latitude_tell_nothing():
+    gyro, force, count = means(0.0, 0.1 * UP, rests=11)
+    assert shown_earth_rate(gyro, force, count, SITE) is None
+    assert shown_earth_rate(*means(0.0, 0.1 * UP), Site(9.81)) is None
+
+
+def at_rest(part, seed=0):
+    """Rests of 4 s, with turns of a second between them, of gyros with 5 °/h of noise in each mean."""
+    rng = np.random.default_rng(seed)
+    gyro, force, _ = means(part, 0.0, seed=seed)
+    rows, turn = 200, 50
+    accel = np.concatenate(
+        [np.concatenate([np.tile(f, (rows, 1)), np.tile(f, (turn, 1))]) for f in force]
+    )
+    rate = np.concatenate(
+        [np.concatenate([np.tile(g, (rows, 1)), np.full((turn, 3), 0.5)]) for g in gyro]
+    )
+    position = np.concatenate(
+        [np.r_[np.full(rows, k), np.full(turn, -1)] for k in range(len(gyro))]
+    )
+    recording = Recording(
+        time=np.arange(len(rate)) / 50.0, position=position,
+        accel=accel + 0.01 * rng.standard_normal(accel.shape),
+        gyro=rate + np.sqrt(rows) * 2.4e-5 * rng.standard_normal(rate.shape),
+    )  # fmt: skip
+    return Campaign((recording,), SITE)
+
+
+def test_earths_rate_that_the_gyros_do_not_show_is_told_and_left_in_their_means():
+    for part in (0.0, 1.0):
+        campaign = at_rest(part)
+        told = [f for f in check_campaign(campaign).findings if f.kind == "earth_rate"]
+        dwells = reduce_to_dwells(campaign.recordings)
+        taken = np.asarray(dwells.gyro) - np.asarray(without_vertical_earth_rate(dwells, SITE).gyro)
+        segments = segment_each(campaign.recordings)
+        earth = earth_taken_away(campaign.recordings, segments, SITE)
+        if part == 0.0:
+            assert "rests show" in told[0].statement and told[0].severity == "note"
+            assert not taken.any() and earth is None
+        else:
+            assert told == []
+            np.testing.assert_allclose(np.linalg.norm(taken, axis=1), UP, rtol=1e-6)
+            np.testing.assert_allclose(np.linalg.norm(earth, axis=1).max(), UP, rtol=1e-6)
