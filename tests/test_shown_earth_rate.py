@@ -43,14 +43,14 @@ def test_the_part_and_its_scatter_are_those_of_repetitions(part):
 def test_what_is_there_is_not_called_absent_and_what_is_not_mostly_is():
     there = [shown_earth_rate(*means(1.0, 0.5 * UP, seed=k), SITE).absent for k in range(200)]
     lacking = [shown_earth_rate(*means(0.0, 0.5 * UP, seed=k), SITE).absent for k in range(200)]
-    assert sum(there) <= 1  # one of 1400 by chance
+    assert sum(there) <= 4  # one of 160 by chance; 5 of 200 once in 100 times
     assert sum(lacking) > 150
 
 
-def test_what_is_taken_is_all_or_none_where_it_is_told_and_as_much_as_is_shown_where_it_is_not():
-    assert Shown(1.3, 0.2).likeliest == 1.0 and Shown(0.1, 0.2).likeliest == 0.0
-    assert Shown(0.4, 0.5).likeliest == 0.4 and Shown(-0.7, 0.6).likeliest == 0.0
-    assert not Shown(-0.7, 0.6).absent and not Shown(-10.0, 0.5).absent  # which is a g-sensitivity
+def test_absent_is_what_is_near_none_and_far_from_all():
+    assert Shown(0.1, 0.2).absent and Shown(-0.7, 0.6).absent
+    assert not Shown(0.4, 0.5).absent and not Shown(1.3, 0.2).absent
+    assert not Shown(-10.0, 0.5).absent  # which is a g-sensitivity
 
 
 def test_few_rests_and_no_latitude_tell_nothing():

@@ -18,9 +18,9 @@ from ..physics.wgs84 import EARTH_RATE
 
 
 FEWEST = 12  # rests: a level and a slope an axis leave ten of them to tell the scatter
-# Standard deviations: 1 is so far off that 30 equations to spare make it by chance once in 1400 logs, and 0 is as near
-# as 95 of 100 logs are that show none.
-FAR, NEAR = 3.5, 2.0
+# Standard deviations: 1 is so far off that chance makes it once in 160 logs, and only of gyros that know Earth's rate
+# to no better than a fifth; 0 is as near as 95 of 100 logs are that show none.
+FAR, NEAR = 2.5, 2.0
 
 
 class Shown(NamedTuple):
@@ -31,15 +31,8 @@ class Shown(NamedTuple):
 
     @property
     def absent(self) -> bool:
-        """Whether it is not there: no chance makes so little of it."""
+        """Whether it is not there: chance hardly makes so little of it."""
         return 1.0 - self.part > FAR * self.std and abs(self.part) < NEAR * self.std
-
-    @property
-    def likeliest(self) -> float:
-        """The part that is there: all or none where the gyros tell it, else what they show of it between the two."""
-        if self.absent or self.part > FAR * self.std:
-            return float(not self.absent)
-        return min(max(self.part, 0.0), 1.0)
 
 
 def shown_earth_rate(

@@ -16,8 +16,8 @@ def earth_taken_away(
 ) -> Float[np.ndarray, "time 3"] | None:
     """What `without_vertical_earth_rate` takes away from the gyros at rest, rad/s; `None` where that is nothing.
 
-    A reference holds Earth's rate in the rows of all models, of gravity's rotation as well. Where gyros do not tell
-    whether it is there, only as much as they show is taken: the rest of it would be a g-sensitivity of all axes.
+    A reference holds Earth's rate in the rows of all models, of gravity's rotation as well. Where the gyros show none
+    of it nothing is taken, as `calibrate` does (`reduction.shown_earth_rate`).
     """
     made, first = np.zeros((sum(r.num_samples for r in recordings), 3)), 0
     rows, force, gyro = [], [], []
@@ -34,7 +34,7 @@ def earth_taken_away(
     vertical = vertical_earth_rate(np.array(force), site)
     if len(gyro) == len(force):
         shown = shown_earth_rate(np.array(gyro), np.array(force), np.diff(rows, axis=1)[:, 0], site)
-        vertical = vertical * (1.0 if shown is None else shown.likeliest)
+        vertical = vertical * float(shown is None or not shown.absent)
     for (a, b), rate in zip(rows, vertical, strict=True):
         made[a:b] = rate
     return made if made.any() else None
