@@ -312,6 +312,17 @@ def test_a_clock_that_jumps_is_told_and_survived(tmp_path):
     assert found[-1]["seconds"] < 0.01 * len(rows) + 1
 
 
+def test_a_counter_that_was_full_costs_neither_a_rest_nor_a_motion(tmp_path):
+    rows = session_rows(5, POSES[:3])
+    rows[:, 0] = np.mod(rows[:, 0] + 65.536 - rows[len(rows) // 2, 0], 65.536)  # 16 bits of ms
+    found, folder = followed(tmp_path, f"{HEADER}\n" + text(rows))
+    assert accepted(found) == 4 and not of(found, "problem")
+    assert found[-1]["seconds"] == pytest.approx(0.01 * (len(rows) - 1))
+    assert (folder / "recording-1.csv").read_text() == f"{HEADER}\n" + text(rows)
+    (recorded,) = load_campaign(folder).recordings
+    assert recorded.num_samples == len(rows) and np.ptp(np.diff(recorded.time)) < 2e-6
+
+
 @pytest.mark.parametrize("apart", [3, 50])
 def test_two_rows_that_came_late_are_put_aside_and_nothing_else_changes(tmp_path, apart):
     lines = text(session_rows(5, POSES[:3])).splitlines(keepends=True)
