@@ -19,7 +19,8 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from .._typing import AnyArray, Vec3
-from ..estimators import AbstractEstimator
+from ..estimators import AbstractEstimator, ReferenceGyroRig
+from ..estimators.triads import GyroEstimator
 from ..numerics.linear_algebra import scaled_inverse, spd_inverse
 from ..physics.error_model import AccelerometerErrors, compensate_accel
 from ..physics.leaves import is_traced
@@ -110,7 +111,7 @@ def disturbed(
 ) -> Dwells:
     """The dwells as they would have been, had each source been off by `draws` standard deviations.
 
-    What happens to the specific force or the rate goes through the device's own (E + Γ) and (E + Θ);
+    What happens to the specific force or the rate goes through the device's own (E + Γ), (E + Θ) and D;
     references and covariances stay what the station stated.
     """
     for source, own in zip(sources, draws, strict=True):
@@ -129,11 +130,34 @@ def _disturbed_by(
 ) -> Dwells:
     """One source alone, with the draw of each dwell."""
     change = source.effect(jnp.asarray(source.size) * jnp.asarray(draws), scene, dwells)
-    dwells = _add(dwells, "accel", _through(estimator, curve, dwells, "accel", change.force))
+    by_force = _by_force(estimator, curve, dwells, change.force)
+    if estimator.triad == "accel" or not change.with_calibration:
+        dwells = _add(dwells, "accel", _through(estimator, curve, dwells, "accel", change.force))
     dwells = _add(dwells, "gyro", _through(estimator, curve, dwells, "gyro", change.rate))
+    dwells = _add(dwells, "gyro", by_force)
     dwells = _add(dwells, "accel", change.accel)
     dwells = _add(dwells, "gyro", change.gyro)
     return _add(dwells, "temperature", change.temperature)
+
+
+def _by_force(
+    estimator: AbstractEstimator, curve: Curve, dwells: Dwells, change: Array | None
+) -> Array | None:
+    """What a change of the force adds to gyros that feel it: D Δa / g."""
+    if change is None or not _feels_force(estimator):
+        return None
+    assert isinstance(estimator, GyroEstimator | ReferenceGyroRig)
+    gravity = estimator.gravity
+
+    def one(temperature: Array, felt: Array) -> Array:
+        return jnp.asarray(estimator.unpack(curve(temperature)).g_sensitivity) @ (felt / gravity)
+
+    return jax.vmap(one)(jnp.asarray(dwells.temperature), change)
+
+
+def _feels_force(estimator: AbstractEstimator) -> bool:
+    """Whether gyros are estimated that the force acts on."""
+    return estimator.triad == "gyro" and bool(getattr(estimator, "g_sensitivity", False))
 
 
 def _through(
@@ -224,7 +248,8 @@ def check_sources(
     scene = make_scene(estimator, curve, dwells)
     for source in sources:
         change = source.effect(jnp.zeros((dwells.num_dwells, source.width)), scene, dwells)
-        if not change.touches(dwells):
+        turned = change.force is not None and _feels_force(estimator)
+        if not change.touches(dwells) and not (turned and dwells.gyro is not None):
             raise ValueError(
                 f"`error_budget(...)`: the source '{source.name}' changes nothing that these dwells "
                 f"hold; leave it out or give dwells with the column that it disturbs."

@@ -36,6 +36,9 @@ class Disturbance(eqx.Module):
     accel: Float[Array, "dwells 3"] | None = None
     gyro: Float[Array, "dwells 3"] | None = None
     temperature: Float[Array, " dwells"] | None = None
+    # The accelerometers' calibration, by the same stated quantity, takes the change of force up: what gyros are told of
+    # the force stays as it was.
+    with_calibration: bool = eqx.field(static=True, default=False)
 
     def touches(self, dwells: Dwells) -> bool:
         """Whether anything that the dwells hold changes."""
@@ -152,7 +155,7 @@ def _along_force(values: Array, scene: Scene, dwells: Dwells) -> Disturbance:
     del dwells
     assert scene.force is not None
     magnitude = jnp.linalg.norm(jnp.asarray(scene.force), axis=1, keepdims=True)
-    return Disturbance(force=jnp.asarray(scene.force) / magnitude * values)
+    return Disturbance(force=jnp.asarray(scene.force) / magnitude * values, with_calibration=True)
 
 
 def _turned(angles: Array, scene: Scene, dwells: Dwells) -> Disturbance:
