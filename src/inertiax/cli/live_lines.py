@@ -41,7 +41,7 @@ class Words:
         out = [f"{d['kind']} at {d['start']:.1f} s" for d in event["left_out"]]
         but = f", but it {event['uncounted']}" if event.get("uncounted") else ""
         for_what = (
-            " for the length of the force alone, since a hand held it" if event["held"] else ""
+            " for the length of the force alone, since a hand held it" if event.get("held") else ""
         )
         return f"{when}: accepted{for_what}" + (f", without {', '.join(out)}" if out else "") + but
 
