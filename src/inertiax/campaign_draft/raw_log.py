@@ -13,7 +13,7 @@ from ..data.formats import array_notes, csv, hdf5, imu_tk, matlab, parquet
 from ..data.formats.detect import detect
 from ..data.formats.text_layout import find_layout, TextLayout
 from ..data.formats.time_stamps import seconds_of
-from .labelled_numbers import by_sed, refuse_labels
+from .labelled_numbers import by_sed, refuse_groups, refuse_labels
 
 
 _NUMERIC = 0.99  # of a column's rows hold numbers; the rest are dropouts for `calibrate` to refuse
@@ -129,6 +129,7 @@ def _read_one(path: Path, chosen: ModuleType) -> RawLog:
             f"{path.name}: a serial monitor's stamps ('{text[:16].decode()}') begin the lines; make them a column: "
             + by_sed("s/ -> /,/", path)
         )
+    refuse_groups(text, path)
     layout = find_layout(text, path.name)
     names = layout.names or unnamed(layout.width)
     if chosen is imu_tk and layout.names is None and layout.width == len(_IMU_TK):
