@@ -19,15 +19,14 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from .._typing import AnyArray, Vec3
-from ..estimators import AbstractEstimator, ReferenceGyroRig
-from ..estimators.triads import GyroEstimator
+from ..estimators import AbstractEstimator
 from ..numerics.linear_algebra import scaled_inverse, spd_inverse
 from ..physics.error_model import AccelerometerErrors, compensate_accel
 from ..physics.leaves import is_traced
 from ..physics.temperature import Curve
 from ..procedure.thermal_iterations import dwell_residuals, joint_fit, normal_matrix
 from ..reduction.dwells import Dwells, known_force
-from .sources import Scene, Source
+from .sources import by_force, feels_force, Scene, Source
 
 
 def make_scene(estimator: AbstractEstimator, curve: Curve, dwells: Dwells) -> Scene:
@@ -130,34 +129,14 @@ def _disturbed_by(
 ) -> Dwells:
     """One source alone, with the draw of each dwell."""
     change = source.effect(jnp.asarray(source.size) * jnp.asarray(draws), scene, dwells)
-    by_force = _by_force(estimator, curve, dwells, change.force)
+    turned = by_force(estimator, curve, dwells, change.force)
     if estimator.triad == "accel" or not change.with_calibration:
         dwells = _add(dwells, "accel", _through(estimator, curve, dwells, "accel", change.force))
     dwells = _add(dwells, "gyro", _through(estimator, curve, dwells, "gyro", change.rate))
-    dwells = _add(dwells, "gyro", by_force)
+    dwells = _add(dwells, "gyro", turned)
     dwells = _add(dwells, "accel", change.accel)
     dwells = _add(dwells, "gyro", change.gyro)
     return _add(dwells, "temperature", change.temperature)
-
-
-def _by_force(
-    estimator: AbstractEstimator, curve: Curve, dwells: Dwells, change: Array | None
-) -> Array | None:
-    """What a change of the force adds to gyros that feel it: D Δa / g."""
-    if change is None or not _feels_force(estimator):
-        return None
-    assert isinstance(estimator, GyroEstimator | ReferenceGyroRig)
-    gravity = estimator.gravity
-
-    def one(temperature: Array, felt: Array) -> Array:
-        return jnp.asarray(estimator.unpack(curve(temperature)).g_sensitivity) @ (felt / gravity)
-
-    return jax.vmap(one)(jnp.asarray(dwells.temperature), change)
-
-
-def _feels_force(estimator: AbstractEstimator) -> bool:
-    """Whether gyros are estimated that the force acts on."""
-    return estimator.triad == "gyro" and bool(getattr(estimator, "g_sensitivity", False))
 
 
 def _through(
@@ -248,7 +227,7 @@ def check_sources(
     scene = make_scene(estimator, curve, dwells)
     for source in sources:
         change = source.effect(jnp.zeros((dwells.num_dwells, source.width)), scene, dwells)
-        turned = change.force is not None and _feels_force(estimator)
+        turned = change.force is not None and feels_force(estimator)
         if not change.touches(dwells) and not (turned and dwells.gyro is not None):
             raise ValueError(
                 f"`error_budget(...)`: the source '{source.name}' changes nothing that these dwells "
