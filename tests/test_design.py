@@ -271,7 +271,7 @@ SMALL = "--optimise --positions 9 --experiments 3 --degree 1 --low -40 --high 60
 
 def test_command_optimises_within_the_tables_reach(own_cache):
     reach = ("--outer", "-100", "100", "--inner", "0", "270", "--step", "0.5")
-    answer = told(*SMALL, *reach, "--json", "-q")
+    answer = told(*SMALL, *reach, "--target", "900", "--json", "-q")
     assert answer.exit_code == 0, answer.output
     found = json.loads(answer.stdout)
     angles = np.array(found["positions_deg"])
@@ -289,6 +289,7 @@ def test_command_optimises_within_the_tables_reach(own_cache):
     ends = np.sort(np.abs(np.array(found["temperatures"]) - 10.0))
     np.testing.assert_allclose(ends, 50.0, atol=1e-3)
     assert found["equal_steps_efficiency"] == pytest.approx(np.sqrt(6.0 / 8.0), rel=1e-6)
+    assert found["effort_temperatures"] == [-40.0, 10.0, 60.0] and found["efforts"]
 
 
 def test_the_printed_angles_are_those_of_the_printed_table(own_cache):
@@ -358,6 +359,7 @@ def test_a_campaign_shows_noise_and_scatter_for_the_plan_to_come(tmp_path, own_c
         (("--audit", "no-such-plan"), "'no-such-plan' does not exist"),
         (("--audit", "paper-check", "--positions", "12"), "'--positions': means nothing with --audit"),
         (("no-such-plan", "--optimise"), "'no-such-plan' does not exist"),
+        (("--optimise", "-o", "x"), "'-o': means nothing with --optimise, which prints its answer"),
         (("--optimise", "--assumed-noise"), "'--assumed-noise': means nothing with --optimise"),
         (("--optimise", "--positions", "8"), "8 positions cannot determine 9 parameters"),
         (("--optimise", "--criterion", "Q"), "'Q' is none of D, A, I"),

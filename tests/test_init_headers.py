@@ -207,17 +207,23 @@ def test_a_name_that_stands_twice_is_not_guessed(tmp_path):
         load_campaign(tmp_path)
 
 
-def test_names_that_stand_again_among_the_rows_are_left_out(tmp_path):
-    """A sketch prints its greeting and its names once more when its board is switched on again."""
+@pytest.mark.parametrize("units", [(), ("ms,g,g,g,deg/s,deg/s,deg/s",)])
+def test_names_that_stand_again_among_the_rows_are_left_out(tmp_path, units):
+    """A sketch prints its greeting and its names, and maybe units below, once more when its board is switched on."""
     time, accel, gyro = hand_log()
     half = len(time) // 2
     clock = np.round(1e3 * np.r_[time[:half], time[half:] - time[half]]) + 2000.0
     path = written(tmp_path / "log.csv", (clock, accel / G, gyro / DEGREE), f"millis,{CANONICAL}")
     lines = path.read_text().splitlines()
-    path.write_text("\n".join([*lines[: half + 1], "MPU ok", lines[0], *lines[half + 1 :]]) + "\n")
+    head = [lines[0], *units]
+    parts = [*head, *lines[1 : half + 1], "MPU ok", *head, *lines[half + 1 :]]
+    path.write_text("\n".join(parts) + "\n")
     found = draft(path)["columns"]
     assert found["time"] == {"name": "millis", "unit": "ms", "mend": True}
-    assert f"The names stand again in line {half + 3}" in (tmp_path / "campaign.toml").read_text()
+    assert (
+        f"The names stand again in line {half + 3 + len(units)}"
+        in (tmp_path / "campaign.toml").read_text()
+    )
     (recording,) = load_campaign(tmp_path).recordings
     assert recording.num_samples == len(time)
     np.testing.assert_allclose(recording.accel, accel, rtol=2e-6, atol=2e-6)

@@ -46,6 +46,26 @@ def test_the_command_makes_columns_under_the_labels_names(tmp_path, form, names)
     np.testing.assert_allclose(recording.gyro, GYRO, atol=1e-6)
 
 
+@pytest.mark.skipif(shutil.which("sed") is None, reason="no sed")
+@pytest.mark.parametrize("between", [" ", ", ", "\t"])
+def test_numbers_in_brackets_become_columns(tmp_path, between):
+    path = tmp_path / "log.txt"
+    three = lambda v: f"({v[0]:.5f}, {v[1]:.5f}, {v[2]:.5f})"
+    rows = [
+        f"RAW 0x68: accel={three(a)}{between}gyro={three(w)}{between}temp=25.1\n"
+        for a, w in zip(ACCEL, GYRO, strict=True)
+    ]
+    path.write_text("MPU6050 found (0x68)\n" + "".join(rows))
+    with pytest.raises(ValueError, match="numbers stand in brackets") as refused:
+        draft(path)
+    command = str(refused.value).split("make columns of them: ")[1]
+    subprocess.run(command, shell=True, check=True, cwd=tmp_path)
+    found = np.genfromtxt(tmp_path / "numbers_log.csv", delimiter=",", names=True)
+    assert found.dtype.names == tuple(f"{t}_{a}" for t in ("accel", "gyro") for a in "xyz")
+    columns = np.stack([found[name] for name in found.dtype.names], axis=1)
+    np.testing.assert_allclose(columns, np.hstack([ACCEL, GYRO]), atol=1e-5)
+
+
 def test_labels_that_change_name_no_columns(tmp_path):
     path = tmp_path / "log.txt"
     rows = [f"a{k % 2}: {a[0]},b: {a[1]},c: {a[2]}\n" for k, a in enumerate(ACCEL)]

@@ -3,16 +3,16 @@
 import numpy as np
 import pytest
 
-from inertiax.data.formats.mended_stamps import out_of_order, restarts
+from inertiax.data.formats.mended_stamps import mended, out_of_order, restarts
 from inertiax.live.stamp_order import LEAP, Place, StampOrder
 
 
 STEP = 0.01
 
 
-def placed(time, size=None):
+def placed(time, size=None, order=None):
     """The places of all rows, which come `size` at a time."""
-    order, found, waiting = StampOrder(), [], np.zeros(0)
+    order, found, waiting = order or StampOrder(), [], np.zeros(0)
     size = size or len(time)
     for first in range(0, len(time), size):
         waiting = np.append(waiting, time[first : first + size])
@@ -122,3 +122,23 @@ def test_after_any_disturbance_all_rows_go_on():
         for part, places in zip(parts, np.split(np.array(found), at(found, Place.BEGINS))):
             going = part[[p in (Place.GOES_ON, Place.BEGINS) for p in places]]
             assert np.all(np.diff(going) > 0.0), seed
+
+
+@SIZES
+@pytest.mark.parametrize(("bits", "tick"), [(16, 1e-3), (24, 1e-6), (32, 1e-6), (32, 1e-9)])
+def test_a_counter_that_was_full_goes_on_as_the_batch_reader_has_it(bits, tick, size):
+    full = 2.0**bits * tick
+    step = min(STEP, full / 800.0)
+    time = (full - 300.5 * step) + step * np.arange(700)
+    time = np.round(np.where(time >= full, time - full, time) / tick) * tick
+    order = StampOrder()
+    found = placed(time, size, order)
+    assert at(found, Place.FULL) == [301] and len(at(found, Place.GOES_ON)) == 699
+    assert order.counter == full
+    went_on = time + np.where(np.arange(700) >= 301, order.counter, 0.0)
+    np.testing.assert_allclose(went_on, mended(time), rtol=0.0, atol=1e-12 * full)
+
+
+def test_a_clock_that_begins_anew_at_another_number_is_no_full_counter():
+    time = np.concatenate([65.0 + clock(40), clock(300)])  # 65.39 s are no 65.536 s
+    assert at(placed(time), Place.BEGINS) == [40]

@@ -54,7 +54,9 @@ def test_init_names_the_columns_and_gaps_are_read(tmp_path):
     assert np.allclose(recording.mag[read], _outputs()[1][::4], rtol=0.0, atol=1e-10)
 
 
-@pytest.mark.parametrize("name, unit, scale", [("m{}_mG", "mgauss", 1e7), ("B{}_uT", "uT", 1e6)])
+@pytest.mark.parametrize(
+    "name, unit, scale", [("m{}_mG", "mgauss", 1e7), ("m{}_G", "gauss", 1e4), ("B{}_uT", "uT", 1e6)]
+)
 def test_a_unit_behind_the_axis_is_no_part_of_the_name(tmp_path, name, unit, scale):
     names = tuple(name.format(a) for a in "xyz")
     found = draft_campaign(_log(tmp_path, names, scale), tmp_path)

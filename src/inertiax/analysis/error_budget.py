@@ -26,7 +26,7 @@ from ..physics.leaves import is_traced
 from ..physics.temperature import Curve
 from ..procedure.thermal_iterations import dwell_residuals, joint_fit, normal_matrix
 from ..reduction.dwells import Dwells, known_force
-from .sources import Scene, Source
+from .sources import by_force, feels_force, Scene, Source
 
 
 def make_scene(estimator: AbstractEstimator, curve: Curve, dwells: Dwells) -> Scene:
@@ -110,7 +110,7 @@ def disturbed(
 ) -> Dwells:
     """The dwells as they would have been, had each source been off by `draws` standard deviations.
 
-    What happens to the specific force or the rate goes through the device's own (E + Γ) and (E + Θ);
+    What happens to the specific force or the rate goes through the device's own (E + Γ), (E + Θ) and D;
     references and covariances stay what the station stated.
     """
     for source, own in zip(sources, draws, strict=True):
@@ -129,8 +129,11 @@ def _disturbed_by(
 ) -> Dwells:
     """One source alone, with the draw of each dwell."""
     change = source.effect(jnp.asarray(source.size) * jnp.asarray(draws), scene, dwells)
-    dwells = _add(dwells, "accel", _through(estimator, curve, dwells, "accel", change.force))
+    turned = by_force(estimator, curve, dwells, change.force)
+    if estimator.triad == "accel" or not change.with_calibration:
+        dwells = _add(dwells, "accel", _through(estimator, curve, dwells, "accel", change.force))
     dwells = _add(dwells, "gyro", _through(estimator, curve, dwells, "gyro", change.rate))
+    dwells = _add(dwells, "gyro", turned)
     dwells = _add(dwells, "accel", change.accel)
     dwells = _add(dwells, "gyro", change.gyro)
     return _add(dwells, "temperature", change.temperature)
@@ -224,7 +227,8 @@ def check_sources(
     scene = make_scene(estimator, curve, dwells)
     for source in sources:
         change = source.effect(jnp.zeros((dwells.num_dwells, source.width)), scene, dwells)
-        if not change.touches(dwells):
+        turned = change.force is not None and feels_force(estimator)
+        if not change.touches(dwells) and not (turned and dwells.gyro is not None):
             raise ValueError(
                 f"`error_budget(...)`: the source '{source.name}' changes nothing that these dwells "
                 f"hold; leave it out or give dwells with the column that it disturbs."

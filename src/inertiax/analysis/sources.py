@@ -15,8 +15,11 @@ from jaxtyping import Array, Float
 
 from .._typing import AnyArray, Scalar
 from ..data.plausible_units import check_from_zero
+from ..estimators import AbstractEstimator, ReferenceGyroRig
+from ..estimators.triads import GyroEstimator
 from ..physics import rotation
 from ..physics.leaves import as_leaf
+from ..physics.temperature import Curve
 from ..reduction.dwells import Dwells
 
 
@@ -36,6 +39,9 @@ class Disturbance(eqx.Module):
     accel: Float[Array, "dwells 3"] | None = None
     gyro: Float[Array, "dwells 3"] | None = None
     temperature: Float[Array, " dwells"] | None = None
+    # The accelerometers' calibration, by the same stated quantity, takes the change of force up: what gyros are told of
+    # the force stays as it was.
+    with_calibration: bool = eqx.field(static=True, default=False)
 
     def touches(self, dwells: Dwells) -> bool:
         """Whether anything that the dwells hold changes."""
@@ -152,7 +158,7 @@ def _along_force(values: Array, scene: Scene, dwells: Dwells) -> Disturbance:
     del dwells
     assert scene.force is not None
     magnitude = jnp.linalg.norm(jnp.asarray(scene.force), axis=1, keepdims=True)
-    return Disturbance(force=jnp.asarray(scene.force) / magnitude * values)
+    return Disturbance(force=jnp.asarray(scene.force) / magnitude * values, with_calibration=True)
 
 
 def _turned(angles: Array, scene: Scene, dwells: Dwells) -> Disturbance:
@@ -164,6 +170,26 @@ def _along_rate(values: Array, scene: Scene, dwells: Dwells) -> Disturbance:
     turning = jnp.where(jnp.asarray(dwells.position) < 0, 1.0, 0.0)[:, None]
     assert scene.rate is not None
     return Disturbance(rate=values * turning * jnp.asarray(scene.rate))
+
+
+def by_force(
+    estimator: AbstractEstimator, curve: Curve, dwells: Dwells, change: Array | None
+) -> Array | None:
+    """What a change of the force adds to gyros that feel it: D Δa / g."""
+    if change is None or not feels_force(estimator):
+        return None
+    assert isinstance(estimator, GyroEstimator | ReferenceGyroRig)
+    gravity = estimator.gravity
+
+    def one(temperature: Array, felt: Array) -> Array:
+        return jnp.asarray(estimator.unpack(curve(temperature)).g_sensitivity) @ (felt / gravity)
+
+    return jax.vmap(one)(jnp.asarray(dwells.temperature), change)
+
+
+def feels_force(estimator: AbstractEstimator) -> bool:
+    """Whether gyros are estimated that the force acts on."""
+    return estimator.triad == "gyro" and bool(getattr(estimator, "g_sensitivity", False))
 
 
 def _bias(name: str, size: float, per: str, triad: str) -> Source:

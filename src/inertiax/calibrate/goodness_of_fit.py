@@ -212,8 +212,9 @@ def misfit_words(unit: str, rms: float, noise_ratio: float, scatter: float) -> s
         text += f", {noise_ratio:.{1 if noise_ratio < 100 else 0}f} times the noise"
         text += f"; the uncertainties include the {rms_text(unit, scatter)} that dwells differ by"
     if grade == UNUSABLE:
+        rows = ", rows that were lost" if unit == "rad" else ""  # of motions, which are integrated
         return (
-            f"{text}. Look for wrong units, exchanged positions, a saturated axis or rests that "
+            f"{text}. Look for wrong units, exchanged positions, a saturated axis{rows} or rests that "
             "are not at rest"
         )
     if grade == ATTENTION:

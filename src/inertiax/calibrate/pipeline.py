@@ -41,6 +41,7 @@ from ..reduction.handling import handling_words, kept_sentence, with_force_count
 from ..reduction.known_moves import move_words, take_moves
 from ..reduction.rig_errors import rate_words, table_words, with_rig_errors
 from ..reduction.rotations_between_rests import with_motions
+from ..reduction.rounded_temperature import probe_sigma, with_rounding
 from ..reduction.segments import (
     each_without_disturbances,
     segment_each,
@@ -256,12 +257,11 @@ def _estimated(
     warnings.extend(campaign.reservations)
     choices.extend(campaign.pairings)
     spec = described_model(campaign, chosen, accel_result, gyro_result, model)
+    rig = with_rounding(campaign.rig, recordings)
     calibration = Calibration(
         gravity=campaign.site.gravity,
-        accel=_triad(told_of_the_sensor(accel_result), chosen.accel_estimator, campaign.rig),
-        gyro=with_earth_rate(
-            _triad(gyro_result, chosen.gyro_estimator, campaign.rig), raw, campaign.site
-        ),
+        accel=_triad(told_of_the_sensor(accel_result), chosen.accel_estimator, rig),
+        gyro=with_earth_rate(_triad(gyro_result, chosen.gyro_estimator, rig), raw, campaign.site),
         device=campaign.devices[0],
         temperature_range=_temperature_range(campaign, accel_result, gyro_result, mag),
         notes=tuple(choices),
@@ -375,8 +375,7 @@ def _triad(result: TriadResult | None, estimator: str | None, rig: Rig) -> Triad
     if result is None or estimator is None:
         return None
     curve, covariance = result.solution.curve, np.asarray(result.solution.covariance)
-    sigma = rig.temperature_uncertainty or 0.0
-    covariance = covariance + probe_covariance(curve.coefficients, curve.basis, sigma)
+    covariance = covariance + probe_covariance(curve.coefficients, curve.basis, probe_sigma(rig))
     mean = None
     if isinstance(result.estimator, StaticAccel) and about_the_mean(result):
         mean = np.asarray(result.estimator.nominal, float)

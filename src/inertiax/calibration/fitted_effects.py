@@ -10,6 +10,7 @@ from jaxtyping import Float
 from .._records import field, Module
 from .._typing import AnyArray
 from ..effects import CATALOGUE, Effect
+from ..effects.forms import check_settings, num_coefficients
 from ..physics.leaves import as_leaf
 from .labels import pair, Settings
 
@@ -61,7 +62,14 @@ class FittedEffect(Module):
         for effect in CATALOGUE:  # one of a user's own catalogue is in none of these
             if effect.name == self.name:
                 where = f"`FittedEffect({self.name!r}, ...)`"
-                _check_form(effect, self.triad, dict(self.settings), self.unit, where)
+                settings = dict(self.settings)
+                _check_form(effect, self.triad, settings, self.unit, where)
+                check_settings(effect, self.triad, settings, where)
+                needed = num_coefficients(effect, self.triad, settings, self.degree)
+                if needed not in (None, count[0]):
+                    raise ValueError(
+                        f"{where}: {count[0]} coefficients; in this form the effect has {needed}."
+                    )
 
     @property
     def plain_settings(self) -> dict[str, float | int | str]:

@@ -15,8 +15,9 @@ Role = Literal[
     "temperature", "surroundings", "position", "experiment", "device",
 ]  # fmt: skip
 
-# A field's letter before the unit that stands behind its axis: mx_mG, Bx_uT. "b" and "h" in mg are a body's force.
-_FIELD = r"^[mbh]_(?:[unmµμ]t|m?gauss)_x$|^m_mg_x$"
+# A field's letter before the unit that stands behind its axis: mx_mG, mx_G, Bx_uT. "b" and "h" in mg or g are a body's
+# force.
+_FIELD = r"^[mbh]_(?:[unmµμ]t|m?gauss)_x$|^m_m?g_x$"
 _NUMBER = r"s?(?:[_ .-]*(?:id|no|nr|num|numb?er|nummer|numero|index|#))?[_ .-]*$"
 
 WORDS: dict[Role, dict[str, str]] = {

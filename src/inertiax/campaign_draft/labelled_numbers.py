@@ -3,6 +3,7 @@ columns of them under the names that the labels say."""
 
 import re
 import shlex
+from collections import Counter
 from pathlib import Path
 
 from ..data.formats.text_layout import TextLayout
@@ -12,6 +13,11 @@ from ..storage.harmless_text import short
 _LABELS = ("[A-Za-z][^,;=]*= *", "[A-Za-z][A-Za-z0-9_]*: *")  # before a number
 _NUMBER = "[-+]?[0-9.]+(?:[eE][-+]?[0-9]+)?"
 _ROW = "^[-+0-9.eE,;:/_TZ[:space:]]+$"  # of numbers and stamps alone
+# Three numbers in brackets behind a label: `accel=(0.1, 0.2, 9.8)`.
+_GROUP = re.compile(rf"([A-Za-z]\w*) *[=:]? *\( *{_NUMBER} *[,;] *{_NUMBER} *[,;] *{_NUMBER} *\)")
+_FIRST = 1 << 14  # bytes that hold as many lines
+_LINES = 20  # that tell what rows are like
+_MOST = 0.8  # of these; the others are what a program says as it starts
 _IN_A_COMMAND = re.compile(r"[\w .:/()\[\]^-]+")  # what a name may hold that a user is asked to run
 _AXIS = re.compile(r"(.*[^A-Za-z])?([xyz])", re.IGNORECASE)
 
@@ -39,6 +45,23 @@ def refuse_labels(
             f"{path.name}: numbers stand behind labels ('{short(labelled[0][0])}'); take those out: "
             + by_sed(script, path, names)
         )
+
+
+def refuse_groups(text: bytes, path: Path) -> None:
+    """Raise `ValueError` where rows hold numbers by threes in brackets, such as `RAW 0x68: accel=(…) gyro=(…)`."""
+    first = text[:_FIRST].decode("utf-8", "replace").splitlines()
+    lines = [line for line in first if line.strip()][:_LINES]
+    found = [tuple(m[1] for m in _GROUP.finditer(line)) for line in lines]
+    labels, count = Counter(found).most_common(1)[0] if found else ((), 0)
+    if not labels or count < _MOST * len(lines):
+        return
+    comma = "," if "," in lines[found.index(labels)] else ";"
+    names = comma.join(f"{label}_{axis}" for label in labels for axis in "xyz")
+    script = f"s/\\)[^(]*\\(/{comma}/g; s/^[^(]*\\(//; s/\\).*$//; /{_ROW}/!d"
+    raise ValueError(
+        f"{path.name}: numbers stand in brackets ('{short(lines[found.index(labels)])}'); make columns of them: "
+        + by_sed(script, path, names)
+    )
 
 
 def by_sed(script: str, path: Path, names: str = "") -> str:

@@ -11,13 +11,12 @@ from jaxtyping import Float
 
 from ..data.formats import array_notes, csv, hdf5, imu_tk, matlab, parquet
 from ..data.formats.detect import detect
-from ..data.formats.text_layout import find_layout, is_value, TextLayout
+from ..data.formats.text_layout import find_layout, TextLayout
 from ..data.formats.time_stamps import seconds_of
-from .labelled_numbers import by_sed, refuse_labels
+from .labelled_numbers import by_sed, refuse_groups, refuse_labels
 
 
 _NUMERIC = 0.99  # of a column's rows hold numbers; the rest are dropouts for `calibrate` to refuse
-_MOST_UNIT_ROWS = 5
 _IMU_TK = ("time", "x", "y", "z")
 _FIRST_ROWS, _MOST_WORDS = 1000, 64  # of a column of text that are looked at
 _MOST_LISTED = 4  # lines
@@ -130,6 +129,7 @@ def _read_one(path: Path, chosen: ModuleType) -> RawLog:
             f"{path.name}: a serial monitor's stamps ('{text[:16].decode()}') begin the lines; make them a column: "
             + by_sed("s/ -> /,/", path)
         )
+    refuse_groups(text, path)
     layout = find_layout(text, path.name)
     names = layout.names or unnamed(layout.width)
     if chosen is imu_tk and layout.names is None and layout.width == len(_IMU_TK):
@@ -168,7 +168,7 @@ def unnamed(width: int) -> tuple[str, ...]:
 def _from_table(
     table: pl.DataFrame, path: Path, format_name: str, layout: TextLayout | None
 ) -> RawLog:
-    unit_rows = _rows_of_text(table) if layout is not None and layout.names else 0
+    unit_rows = len(csv.below_the_names(table)) if layout is not None and layout.names else 0
     words: dict[str, str] = {}
     for row in table.head(unit_rows).iter_rows(named=True):
         words |= {k: f"{words.get(k, '')} {v or ''}".strip() for k, v in row.items()}
@@ -212,11 +212,3 @@ def _numbers(column: pl.Series) -> Float[np.ndarray, " rows"] | None:
     if values.is_null().all():
         return None
     return values.fill_null(float("nan")).to_numpy()
-
-
-def _rows_of_text(table: pl.DataFrame) -> int:
-    """Rows under the header in which no field is a value: units, and what else a logger writes there."""
-    for number, row in enumerate(table.head(_MOST_UNIT_ROWS + 1).iter_rows()):
-        if any(field and is_value(str(field).strip()) for field in row):
-            return number
-    return 0

@@ -164,7 +164,8 @@ def design(
         Path | None,
         written(
             "DIR",
-            "Folder for scenario.toml, checklist.md and separation.json.",
+            "Of --separate: folder for scenario.toml, checklist.md and separation.json. --audit and --optimise write "
+            "no file: they print, with --json for a script.",
             rich_help_panel=_PART,
         ),
     ] = None,
@@ -242,7 +243,8 @@ def _check_question(
 def _check_foreign(asked: str, foreign: Mapping[str, object]) -> None:
     for name, value in foreign.items():
         if value is not None:
-            raise typer.BadParameter(f"means nothing with {asked}.", param_hint=f"'{name}'")
+            prints = ", which prints its answer; --json > FILE keeps it" if name == "-o" else ""
+            raise typer.BadParameter(f"means nothing with {asked}{prints}.", param_hint=f"'{name}'")
 
 
 def _separate(

@@ -40,7 +40,10 @@ class Words:
             return f"{when}: refused: {event['why']}{again}"
         out = [f"{d['kind']} at {d['start']:.1f} s" for d in event["left_out"]]
         but = f", but it {event['uncounted']}" if event.get("uncounted") else ""
-        return f"{when}: accepted" + (f", without {', '.join(out)}" if out else "") + but
+        for_what = (
+            " for the length of the force alone, since a hand held it" if event.get("held") else ""
+        )
+        return f"{when}: accepted{for_what}" + (f", without {', '.join(out)}" if out else "") + but
 
     def _problem(self, event: dict) -> str:
         remedy = f" Into campaign.toml: {event['remedy']}" if event["remedy"] else ""

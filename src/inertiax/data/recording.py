@@ -303,6 +303,9 @@ class Rig(Module):
         static=True, default=None, converter=_as_axes
     )
 
+    # °C, 1 sigma, of what a probe's whole steps hide of the temperature: found in the readings, stated by nobody
+    hidden_by_steps: float = field(static=True, default=0.0, converter=float)
+
     def __check_init__(self):
         # Beyond these a station promises nothing: 30° of attitude, half of the rate, 50 °C.
         angles = ("position_uncertainty", "level_uncertainty", "orthogonality_uncertainty")

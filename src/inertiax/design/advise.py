@@ -30,6 +30,7 @@ class Advice(eqx.Module):
     plain: float = eqx.field(static=True)  # of the plain 18 positions, the same
     temperatures: Float[np.ndarray, " experiments"]  # °C, ascending
     equal_steps: float = eqx.field(static=True)  # efficiency of equal steps against `temperatures`
+    steps: Float[np.ndarray, " experiments"]  # °C, equal, of which the efforts are
     target: float | None = eqx.field(static=True)
     efforts: tuple[Effort, ...]
 
@@ -45,6 +46,7 @@ class Advice(eqx.Module):
             "temperatures": self.temperatures.round(3).tolist(),
             "equal_steps_efficiency": self.equal_steps,
             "target": self.target,
+            "effort_temperatures": self.steps.round(3).tolist() if self.efforts else None,
             "efforts": [
                 {
                     "programme": e.programme.name,
@@ -147,6 +149,7 @@ def advise(
         efficiency(PROGRAMME_18),
         temperatures,
         equal,
+        steps,
         target,
         efforts,
     )

@@ -23,7 +23,7 @@ from ..reduction.handling import (
     left_out_sentence,
     with_force_counted,
 )
-from ..reduction.rounded_temperature import with_courses
+from ..reduction.rounded_temperature import with_courses, with_rounding
 from .candidates.empirical import PREFIX
 from .candidates.signatures import Term
 from .contradicted_gyros import contradicted, unnamed, with_contradiction
@@ -86,7 +86,8 @@ def diagnose_campaign(
     `force` goes on where a plausibility check finds an error; else that raises `ValueError`.
     """
     found_odd = require_plausible(campaign, force=force)
-    campaign = replace(campaign, recordings=with_courses(campaign.recordings))
+    rig = with_rounding(campaign.rig, campaign.recordings)
+    campaign = replace(campaign, recordings=with_courses(campaign.recordings), rig=rig)
     # Restricted likelihoods differ in the tenth digit; the precision is local to this call.
     with jax.enable_x64(True):
         seen = campaign if calibration is None else taken_away(campaign, calibration, effects)

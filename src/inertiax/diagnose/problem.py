@@ -16,6 +16,7 @@ from ..model_selection.model_spec import ModelSpec
 from ..numerics.compilation_cache import make_room
 from ..numerics.side_by_side import side_by_side
 from ..reduction.rig_errors import move_covariance, rig_covariance
+from ..reduction.rounded_temperature import probe_sigma
 from ..reduction.standing_axes import angles_of_axes
 from .candidates.bumps import between
 from .candidates.empirical import alternatives
@@ -104,8 +105,8 @@ def rig_variance(
 def probe_error(
     campaign: Campaign, signal: Signal, blocks: Blocks, base: Baseline
 ) -> list[np.ndarray]:
-    """Change of each chain's rows by one stated standard deviation of the probe, `(block, 1)` or `(block, 0)`."""
-    sigma = campaign.rig.temperature_uncertainty or 0.0
+    """Change of each chain's rows by one standard deviation of the probe, `(block, 1)` or `(block, 0)`."""
+    sigma = probe_sigma(campaign.rig)
     if signal.at_temperature is None or signal.temperature is None or sigma == 0.0:
         return [np.zeros((blocks.num_blocks, 0)) for _ in base.observed]
     probe = np.asarray(signal.temperature)

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ..calibration.quantities import coarse_rates, customary_unit, label
-from ..data.recording import Campaign
+from ..data.recording import Campaign, Recording
 from ..physics.directions import FEWEST_DIRECTIONS, hand_directions, num_directions
 from .accel_rows import (
     accel_posterior,
@@ -232,7 +232,9 @@ def estimate(
         triads.append(_triad(model.names, found.first(len(model.names)), target, rows, slopes))
         lacking = _lacking(model, rows, means, found)
     if rests and rests[0].gyro is not None:
-        triads.append(_gyro_biases(rests, target, away))
+        free = np.array([not r.held for r in rests])
+        own_away = None if away is None else away[free]
+        triads.append(_gyro_biases([r for r in rests if not r.held], target, own_away))
         if model is not None and campaign.model.gyro_estimator in (None, "gravity"):
             triads.append(_gyro_matrix(turns, triads[0], target, campaign, before))
     if rests:
@@ -240,6 +242,14 @@ def estimate(
     last = rests[-1].accel if rests and model is not None else None
     now = None if last is None else last / np.linalg.norm(last)
     return Estimate(tuple(triads), model, len(rests), lacking, now)
+
+
+def counts_held(recording: Recording, campaign: Campaign) -> bool:
+    """Whether rests that a hand held count: for the accelerometers by |a|, as in the batch estimate."""
+    asked = campaign.model.accel_estimator
+    if recording.accel is None or asked in ("none", "static", "reference"):
+        return False
+    return recording.reference_accel is None or asked == "invariant"
 
 
 def accel_model(rests: list[Rest], campaign: Campaign) -> AccelModel | None:
@@ -293,7 +303,7 @@ def _gyro_biases(
     """Biases of the gyros: what they read at rest, with a scatter from rest to rest that all axes share."""
     names = tuple(f"gyro.bias[{i}]" for i in range(3))
     value = np.array([r.gyro for r in rests]).reshape(-1)
-    covariance = np.array([r.gyro_covariance for r in rests])
+    covariance = np.array([r.gyro_covariance for r in rests]).reshape(-1, 3, 3)
     variance = np.diagonal(covariance, axis1=1, axis2=2).reshape(-1)
     rows = Rows(np.tile(np.eye(3), (len(rests), 1)), value, variance)
     std = np.full(3, PRIOR_RATE)

@@ -48,11 +48,12 @@ def rest_event(rest: Rest, store: RowStore, uncounted: str | None = None) -> Eve
         "mean_accel": None if accel is None else [float(x) for x in accel],
         "accepted": rest.accepted,
         "why": rest.why,
+        "held": rest.held,
         "uncounted": uncounted,
         "left_out": [
             {"kind": d.kind, "start": d.start, "end": d.end}
             for d in rest.disturbances
-            if d.left_out
+            if d.left_out and not (rest.held and d.kind == "held")
         ],
     }
 

@@ -139,6 +139,7 @@ class _Follower:
         self._made = made
         self._order = StampOrder()
         self._waiting: Chunk | None = None  # rows whose place the next ones tell
+        self._held = 0.0  # s, of the counter each time that it was full in this recording
         self._told: set[str] = set()  # what was said of lines that are put aside
 
     def take(self, piece: Piece) -> Iterator[Event]:
@@ -147,7 +148,7 @@ class _Follower:
             self._recorder.aside([piece.half])
         if piece.restarted:
             yield from self._rest_of_the_log()
-            self._text, self._order = self._text.afresh(), StampOrder()
+            self._text, self._order, self._held = self._text.afresh(), StampOrder(), 0.0
             yield from self._session.leap(
                 "the log was replaced or emptied; what comes now is another recording."
             )
@@ -188,21 +189,26 @@ class _Follower:
         places = self._order.places(chunk.time, end=end)
         if len(places) < len(chunk.lines):
             self._waiting = _selected(chunk, np.arange(len(places), len(chunk.lines)))
-        begins = [k for k, place in enumerate(places) if place is Place.BEGINS]
-        for a, b in zip([0, *begins], [*begins, len(places)]):
+        anew = [k for k, place in enumerate(places) if place in (Place.BEGINS, Place.FULL)]
+        for a, b in zip([0, *anew], [*anew, len(places)]):
             if a == b:
                 continue
             rows = {p: [k for k in range(a, b) if places[k] is p] for p in Place}
-            if a in begins:
+            if rows[Place.BEGINS]:
                 assert before is not None
+                self._held = 0.0
                 yield from self._leap(before, float(chunk.time[a]))
+            elif rows[Place.FULL]:
+                self._held += self._order.counter
+                self._recorder.mend()
             for place, said in _SAID.items():
                 yield from self._aside("clock", said, [chunk.lines[k] for k in rows[place]])
-            kept = _selected(chunk, np.array(rows[Place.BEGINS] + rows[Place.GOES_ON], int))
+            first = rows[Place.BEGINS] + rows[Place.FULL]
+            kept = _selected(chunk, np.array(first + rows[Place.GOES_ON], int))
             if kept.lines:
                 before = float(kept.time[-1])
                 self._recorder.rows(kept.lines)
-                yield from self._session.feed(kept.rows, kept.time)
+                yield from self._session.feed(kept.rows, kept.time + self._held)
 
     def _aside(self, kind: str, said: str, lines: list[bytes]) -> Iterator[Event]:
         """Lines that are put aside; of each sort it is said once."""

@@ -1,7 +1,8 @@
 """Keeps what came in: recordings as text, row for row as it was sent, and the campaign that reads them.
 
 Rows are handed to the system as they come, so that a killed process loses none. A clock that begins anew, or leaps,
-begins another recording (`stamp_order`). What is no row, and rows out of order, are kept beside.
+begins another recording (`stamp_order`); where a counter was full the recording goes on, and its campaign has such
+stamps mended. What is no row, and rows out of order, are kept beside.
 """
 
 import copy
@@ -28,6 +29,7 @@ class Recorder:
         self._file: int | None = None
         self._aside: int | None = None
         self._campaign: bytes | None = campaign_text(campaign).encode()  # `None`: written
+        self._mended: bytes | None = campaign_text(campaign, mend=True).encode()
 
     def _make_folder(self) -> None:
         """The folder is there from the first line on: where none comes, nothing is left that blocks another run."""
@@ -49,6 +51,12 @@ class Recorder:
     def again(self) -> None:
         """A new recording under the same lines: the clock leapt."""
         self.begin(self._header)
+
+    def mend(self) -> None:
+        """The stamps of a counter that was full stand as they came: whoever reads them is told to mend them."""
+        if self._mended is not None:
+            write_atomically(self.folder / "campaign.toml", self._mended)
+            self._mended = None
 
     def rows(self, lines: list[bytes]) -> None:
         """Rows of the present recording."""
@@ -73,13 +81,17 @@ class Recorder:
         self._file = self._aside = None
 
 
-def campaign_text(file: Path) -> str:
-    """A `campaign.toml` with the same tables as `file`, for what `live` records."""
+def campaign_text(file: Path, *, mend: bool = False) -> str:
+    """A `campaign.toml` with the same tables as `file`, for what `live` records; with `mend` its stamps are mended."""
     tables = copy.deepcopy(read_toml(file))
     recordings = tables["recordings"]
     recordings["files"] = [FILES]
     recordings["format"] = "csv"
     recordings.pop("start_row", None)  # those rows are not recorded
+    if mend:
+        columns = tables.setdefault("columns", {})
+        said = columns.get("time", {})
+        columns["time"] = ({"name": said} if isinstance(said, str) else said) | {"mend": True}
     parts = []
     for name, table in tables.items():
         keys = "\n".join(f"{key} = {value_text(value)}" for key, value in table.items())

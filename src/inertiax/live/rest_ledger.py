@@ -8,8 +8,10 @@ from jaxtyping import Float, Int
 from ..data.recording import Recording
 from ..reduction.chord import shortening
 from ..reduction.handling import Disturbance, NOUNS, undisturbed
+from ..reduction.held_rests import kept_for_magnitude, variance_by_parts
 from ..reduction.rests import find_rests, Rests, usual_step
 from ..reduction.segments import segment
+from ..reduction.turning_hand import with_variance_along
 
 
 WINDOW = 1.0  # s, of the batch finder
@@ -30,6 +32,7 @@ class Rest:
     accepted: bool = True
     why: str | None = None
     disturbances: tuple[Disturbance, ...] = ()
+    held: bool = False  # by hand: good for the magnitude of the force alone
     accel: Float[np.ndarray, "3"] | None = None  # m/s², mean
     accel_covariance: Float[np.ndarray, "3 3"] | None = None
     reference: Float[np.ndarray, "3"] | None = None
@@ -49,7 +52,7 @@ class Rest:
     def take(self, judged: "Judged") -> None:
         """Take over what was judged of it."""
         self.accepted, self.why = judged.why is None, judged.why
-        self.disturbances = judged.disturbances
+        self.disturbances, self.held = judged.disturbances, judged.held
         found = judged.means
         for key in (f.name for f in dataclasses.fields(Means)):
             setattr(self, key, None if found is None else getattr(found, key))
@@ -82,6 +85,7 @@ class Judged:
     stop: int
     why: str | None  # `None`: accepted
     disturbances: tuple[Disturbance, ...]
+    held: bool
     means: "Means | None"
 
 
@@ -126,24 +130,37 @@ class Means:
 
 
 def judge(
-    picked: Recording, averaged: Recording, rests: list[tuple[int, int, int]]
+    picked: Recording,
+    averaged: Recording,
+    rests: list[tuple[int, int, int]],
+    *,
+    by_magnitude: bool = False,
 ) -> list[Judged]:
     """What is left of rests of one recording, each judged by what is usual among them.
 
-    **Arguments:** samples as they came, for what looks at samples, and means over the rows that each stands for.
+    **Arguments:** samples as they came, for what looks at samples, and means over the rows that each stands for; with
+    `by_magnitude` rests that a hand held stay, for |a|, as in the batch estimate.
     """
     start, stop, position = (np.array(x, dtype=np.int64) for x in zip(*rests))
     left = undisturbed(picked, start, stop, position)
-    kept = np.flatnonzero(left.stop > left.start).tolist()
-    rows = [np.arange(left.start[k], left.stop[k]) for k in kept]
-    means = dict(zip(kept, _means(averaged, [r[left.used[r]] for r in rows])))
+    held = np.zeros(len(start), bool)
+    if by_magnitude:
+        held = kept_for_magnitude(left, start, stop, position, usual_step(picked))
+    rows = {}
+    for k, (a, b) in enumerate(zip(left.start, left.stop)):
+        if k < len(held) and held[k]:
+            rows[k] = np.arange(start[k], stop[k])
+        elif a < b:
+            rows[k] = a + np.flatnonzero(left.used[a:b])
+    by_hand = [bool(held[k]) if k < len(held) else False for k in rows]
+    means = dict(zip(rows, _means(averaged, list(rows.values()), by_hand)))
     made = []
     for k, (a, b, label) in enumerate(rests):
         mine = tuple(
             d for d in left.disturbances if d.position == label and _inside(d, picked, a, b)
         )
         why = None if k in means else _why(mine)
-        made.append(Judged(a, b, why, mine, means.get(k)))
+        made.append(Judged(a, b, why, mine, bool(held[k]), means.get(k)))
     return made
 
 
@@ -161,21 +178,34 @@ def _why(found: tuple[Disturbance, ...]) -> str:
     return ", ".join(list(words)[-3:])
 
 
-def _means(recording: Recording, rests: list[Int[np.ndarray, " _"]]) -> list[Means]:
-    """Means over the rows of each rest."""
+def _means(
+    recording: Recording, rests: list[Int[np.ndarray, " _"]], held: list[bool]
+) -> list[Means]:
+    """Means over the rows of each rest, of those `held` by hand with the variances that their parts show."""
     step = usual_step(recording)
+    known = recording.reference_accel
 
-    def of(values: Float[np.ndarray, "time 3"] | None):
+    def of(values: Float[np.ndarray, "time 3"] | None, *, turned: bool = False):
         if values is None:
             return [(None, None)] * len(rests)
         parts = [values[rows] for rows in rests]
-        return [(x.mean(axis=0), c) for x, c in zip(parts, mean_covariances(parts, step))]
+        made = np.zeros((len(parts), 3, 3))
+        for group in (
+            np.array(held, bool),
+            ~np.array(held, bool),
+        ):  # a hand tells nothing of a table
+            some = [parts[k] for k in np.flatnonzero(group)]
+            if some:
+                made[group] = mean_covariances(some, step, turned=turned)
+        for k in np.flatnonzero(held):
+            shown = variance_by_parts(parts[k], np.array([0]), np.array([len(parts[k])]))[0]
+            made[k] += np.diag(np.maximum(shown - np.diagonal(made[k]), 0.0))
+        return [(x.mean(axis=0), c) for x, c in zip(parts, made)]
 
-    known = recording.reference_accel
     references = [None if known is None else known[rows].mean(axis=0) for rows in rests]
     probes = recording.temperature
     warm = [None if probes is None else float(probes[rows, 0].mean()) for rows in rests]
-    both = zip(of(recording.accel), references, of(recording.gyro), warm)
+    both = zip(of(recording.accel, turned=known is None), references, of(recording.gyro), warm)
     made = [Means(a, va, r, g, vg, t) for (a, va), r, (g, vg), t in both]
     if recording.accel is None or known is not None or not rests:
         return made
@@ -188,21 +218,37 @@ def _means(recording: Recording, rests: list[Int[np.ndarray, " _"]]) -> list[Mea
 
 
 def mean_covariances(
-    rests: list[Float[np.ndarray, "_ 3"]], step: float
+    rests: list[Float[np.ndarray, "_ 3"]], step: float, *, turned: bool = False
 ) -> list[Float[np.ndarray, "3 3"]]:
     """Covariance of the mean of each rest, by how the means of short blocks scatter within it (batch means).
 
     Blocks hold noise with a memory shorter than they are. A rest has few of them, so its variance is drawn towards that
-    of all rests together, as if those were worth `POOLED` degrees of freedom. **Arguments:** `step` from row to row, s.
+    of all rests together, as if those were worth `POOLED` degrees of freedom. With `turned`, a hand may turn gravity
+    across itself in all rests, and the variance along it is by its own blocks (`turning_hand`). **Arguments:** `step`
+    from row to row, s.
     """
     size = max(round(BLOCK / step), 1) if step > 0.0 else 1
-    own, freedom = np.zeros((len(rests), 3)), np.zeros(len(rests))
+    covariances = np.array([np.diag(v) for v in _batch_variances(rests, size)])
+    if not turned or not rests:
+        return list(covariances)
+    means = np.array([x.mean(axis=0) for x in rests])
+    u = means / np.maximum(np.linalg.norm(means, axis=1, keepdims=True), 1e-300)
+    along = _batch_variances([(x @ d)[:, None] for x, d in zip(rests, u)], size)[:, 0]
+    return list(with_variance_along(covariances, u, along))
+
+
+def _batch_variances(
+    rests: list[Float[np.ndarray, "_ channel"]], size: int
+) -> Float[np.ndarray, "rest channel"]:
+    """Variance of each rest's mean by blocks of `size` rows."""
+    channels = rests[0].shape[1] if rests else 3
+    own, freedom = np.zeros((len(rests), channels)), np.zeros(len(rests))
     for k, x in enumerate(rests):
         blocks = len(x) // size
         if blocks > 1:
-            means = x[: blocks * size].reshape(blocks, size, 3).mean(axis=1)
+            means = x[: blocks * size].reshape(blocks, size, channels).mean(axis=1)
             own[k], freedom[k] = means.var(axis=0, ddof=1), blocks - 1.0
     pooled = freedom @ own / max(freedom.sum(), 1.0)
     variance = (POOLED * pooled + freedom[:, None] * own) / (POOLED + freedom)[:, None]
-    counts = [max(len(x) / size, 1.0) for x in rests]
-    return [np.diag(v / n) for v, n in zip(variance, counts)]
+    counts = np.array([max(len(x) / size, 1.0) for x in rests])
+    return variance / counts[:, None]

@@ -13,7 +13,7 @@ from jaxtyping import Float
 
 from ..data.recording import Campaign, Recording
 from ..plausibility import check_campaign
-from .estimate import Estimate, estimate
+from .estimate import counts_held, Estimate, estimate
 from .events import (
     done_event,
     Event,
@@ -28,7 +28,7 @@ from .events import (
 )
 from .itinerary import Itinerary
 from .next_position import NextPosition
-from .rest_ledger import judge, matched, RECENT, Rest, WINDOW
+from .rest_ledger import judge, Judged, matched, RECENT, Rest, WINDOW
 from .rest_watch import LONGEST, RestWatch
 from .row_store import RowStore
 from .target import Target
@@ -211,15 +211,19 @@ class Session:
         both += [(a, b, len(mine) + k) for k, (a, b, _) in enumerate(fresh)]
         first = min(a for a, _, _ in both)
         moved = [(a - first, b - first, label) for a, b, label in both]
-        found = judge(
-            self.store.recording(first, row), self.store.recording(first, row, means=True), moved
-        )
+        found = self._judge(first, row, moved)
         made = []
         for judged, (a, b, _) in zip(found[len(mine) :], fresh):
             rest = self._made(a, b)
             rest.take(judged)
             made.append(rest)
         return made
+
+    def _judge(self, first: int, row: int, rests: list[tuple[int, int, int]]) -> list[Judged]:
+        """Rests among the rows `[first, row)`, numbered from there."""
+        picked = self.store.recording(first, row)
+        averaged = self.store.recording(first, row, means=True)
+        return judge(picked, averaged, rests, by_magnitude=counts_held(picked, self.campaign))
 
     def _made(self, start: int, stop: int) -> Rest:
         time_ = self.store.recording(start, stop).time
@@ -334,8 +338,7 @@ class Session:
             found = found[:-1]
         if not found:
             return
-        averaged = self.store.recording(0, row, means=True)
-        judged = judge(self.store.recording(0, row), averaged, found)
+        judged = self._judge(0, row, found)
         fresh = [(one, self._made(one.start, one.stop)) for one in judged]
         first, part = max(row - LONGEST, 0), len(self._stores)
         before = [r for r in self.rests if r.part == part and r.start >= first]

@@ -51,8 +51,9 @@ class Turns:
         self._judged: dict[int, _Judged] = {}
 
     def between(self, rests: list[Rest], force: Force) -> list[Turn]:
-        """The turns between rests. **Arguments:** `force` compensates mean outputs of the accelerometers, m/s²."""
-        ordered = sorted(rests, key=lambda r: (r.part, r.start))
+        """The turns between rests that no hand held. **Arguments:** `force` compensates mean outputs of the
+        accelerometers, m/s²."""
+        ordered = sorted((r for r in rests if not r.held), key=lambda r: (r.part, r.start))
         pairs: dict[int, list[tuple[Rest, Rest]]] = {}
         for before, after in zip(ordered[:-1], ordered[1:]):
             if before.part == after.part and self._turn(before, after, None):

@@ -11,10 +11,16 @@ from .finding import Finding, finding
 from .thresholds import Thresholds
 
 
-_BRIEF = 0.25  # s over which stillness is judged here: a hand's tremor has a period or two in it
+# s over which stillness is judged here, one after the other: a hand's tremor has two periods or one and a half in it.
+_BRIEF = (0.25, 0.15)
+# Samples of that at least: their variance over three axes is known to a third, far below the factor of `_APART`.
+_SAMPLES = 8
+# Directions in which rests tell all that |a| does, bias and lower triangle; more of them are no need.
+_ALL = 9
 _ENOUGH = (
     1.5  # s, a rest that is found: the second over which motion is judged, and what its ends lose
 )
+_LEAST = 0.25  # s; where one turn ends and the next begins a device is as still for up to 0.23 s
 # Thresholds, highest to lowest, that find the same stretches: a factor of 2 between the deviations of rest and motion.
 _APART = 4.0
 _MORE = 2.0  # times as many directions as rests lie in; fewer were no gain
@@ -29,22 +35,15 @@ def check_brief_rests(device: DeviceLogs, limits: Thresholds) -> list[Finding]:
         return []
     means = [m.mean for log in logs if (m := log.over_rests("accel")) is not None]
     lies = _directions(means)
-    if lies >= FEWEST_DIRECTIONS:
+    if lies >= _ALL:
         return []
-    brief, lasts = [], []
-    for log in logs:
-        accel = log.recording.accel
-        found = find_rests(log.recording, window=_BRIEF)
-        if accel is None or found.apart < _APART:
-            continue
-        ranges = list(zip(found.start, found.stop, strict=True))
-        brief += [accel[a:b].mean(axis=0)[None] for a, b in ranges]
-        lasts += [(b - a) * log.step for a, b in ranges]
-    directions = _directions(brief)
-    if directions < max(FEWEST_DIRECTIONS, _MORE * lies):
+    enough = max(FEWEST_DIRECTIONS, _MORE * lies)
+    told = (_brief(logs, window) for window in _BRIEF)
+    brief, lasts, directions = next((x for x in told if x[2] >= enough), ([], [], 0))
+    if not directions:
         return []
     usual = float(np.median(lasts))
-    if usual >= _ENOUGH:
+    if not _LEAST <= usual < _ENOUGH:
         return []
     return [
         finding(
@@ -59,6 +58,22 @@ def check_brief_rests(device: DeviceLogs, limits: Thresholds) -> list[Finding]:
             rests_in=lies,
         )
     ]
+
+
+def _brief(
+    logs: list[Log], window: float
+) -> tuple[list[Float[np.ndarray, "1 3"]], list[float], int]:
+    """Mean outputs, seconds and number of directions of stretches that are still over windows of so many seconds."""
+    brief, lasts = [], []
+    for log in logs:
+        accel = log.recording.accel
+        found = find_rests(log.recording, window=window, fewest=_SAMPLES)
+        if accel is None or found.apart < _APART:
+            continue
+        ranges = list(zip(found.start, found.stop, strict=True))
+        brief += [accel[a:b].mean(axis=0)[None] for a, b in ranges]
+        lasts += [(b - a) * log.step for a, b in ranges]
+    return brief, lasts, _directions(brief)
 
 
 def _can_be_searched(log: Log) -> bool:

@@ -250,7 +250,8 @@ def _small_factor(
         few = factor > 1.0
         rows = f"{1.0 - 1.0 / factor:.0%} of them were lost" if few else "some are doubled"
         said = f"rows are counted at {counted:g} Hz, and {counted / factor:.4g} Hz would agree: that is their rate, or "
-        said += f"{rows}, which no rate mends, or the gyros' scale is wrong"
+        said += f"{rows}, or the gyros' scale is wrong. Of lost or doubled rows a rate mends the mean alone, and each "
+        said += "motion stays off by its own: log a clock beside them"
         remedy = remedies.rows_at(counted / factor)
     return [
         finding(

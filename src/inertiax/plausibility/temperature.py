@@ -3,6 +3,8 @@
 import numpy as np
 from jaxtyping import Float
 
+from ..data.stored_recording import StoredRecording
+from ..reduction.rounded_temperature import hidden_by_steps, temperature_step
 from . import remedies
 from .evidence import DeviceLogs, Log
 from .finding import Finding, finding, Severity
@@ -32,6 +34,7 @@ def check_temperature(device: DeviceLogs, limits: Thresholds) -> list[Finding]:
         if not found or found[-1].severity != "error":
             found += _rate(log, probe, limits)
             found += _stuck(log, probe)
+            found += _stepped(log, probe)
     return found
 
 
@@ -148,5 +151,25 @@ def _stuck(log: Log, probe: Float[np.ndarray, " time"]) -> list[Finding]:
             "hangs.",
             rows=int(holds[longest]),
             time=start,
+        )
+    ]
+
+
+def _stepped(log: Log, probe: Float[np.ndarray, " time"]) -> list[Finding]:
+    """A probe whose whole steps hide the course in between."""
+    step = 0.0 if isinstance(log.recording, StoredRecording) else temperature_step(probe)
+    if step == 0.0:
+        return []
+    left = hidden_by_steps([log.recording])
+    return [
+        finding(
+            "temperature_step",
+            "note",
+            "temperature",
+            f"{log.name}: the temperature is read in steps of {step:.3g} °C; between them it is put by the moments at "
+            f"which it changes, which leaves {left:.2g} °C unknown (1 sigma), counted in what depends on temperature. "
+            "Whether readings are rounded or cut off nobody knows: cut off, all of them are half a step too low.",
+            step=step,
+            left=left,
         )
     ]

@@ -1,9 +1,14 @@
 """Rests that a hand held: what their means are worth by the scatter of their own parts."""
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
+
+from .handling import Undisturbed
 
 
+# s, of a rest held by hand that is kept: at its ends the hand may move by millimetres a second, which over a second
+# is as many mm/s² (convention).
+_HELD = 1.5
 PARTS = 8  # of a rest held by hand, whose scatter is that of its mean: a tremor is slower than the samples
 
 
@@ -35,3 +40,19 @@ def variance_by_parts(
         )
         found[k] = parts.var(axis=0, ddof=1) / PARTS
     return found
+
+
+def kept_for_magnitude(
+    left: Undisturbed,
+    start: Int[np.ndarray, " rest"],
+    stop: Int[np.ndarray, " rest"],
+    position: Int[np.ndarray, " rest"],
+    step: float,
+) -> Bool[np.ndarray, " rest"]:
+    """Which rests of one recording a hand held, but for long enough that they stay, as a whole, for |a|.
+
+    **Arguments:** what is `left` of the rests `[start, stop)`, and the `step` from row to row, s.
+    """
+    gone = {d.position for d in left.disturbances if d.kind == "held" and d.left_out}
+    empty = (left.start == left.stop)[: len(start)]
+    return np.isin(position, list(gone)) & empty & ((stop - start) * step >= _HELD)

@@ -97,14 +97,15 @@ def _median_step(time: Float[np.ndarray, " time"]) -> float:
     return float(0.5 * np.partition(steps, middle)[middle].sum())
 
 
-def find_rests(recording: Recording, *, window: float) -> Rests:
+def find_rests(recording: Recording, *, window: float, fewest: int = 16) -> Rests:
     """Rests found in the data, with the threshold that the data chose.
 
     Motion is judged over a sliding window against the quietest windows of the same recording
     (`_motion`), and a rest is where it stays below a multiple m of that. The data choose m: the
     number of rests, counted over m from 2 to 1000, stays the same over a wide range of m when rest
     and motion are well apart, since no window lies between them. m is taken from the widest such
-    range (in log m), a quarter of the way up: clear of noise below, with little motion let in.
+    range (in log m), a quarter of the way up: clear of noise below, with little motion let in. A window has `fewest`
+    samples or more.
 
     **Reference:** Tedaldi, Pretto, Menegatti, ICRA 2014, section IV (who try m over a range and
     keep the calibration with the least residual).
@@ -113,7 +114,7 @@ def find_rests(recording: Recording, *, window: float) -> Rests:
         nothing = np.zeros(0, np.int64)
         return Rests(nothing, nothing, statement="no rest: neither accelerometers nor gyros")
     step = usual_step(recording)
-    width = max(int(round(window / step)) if step > 0 else 1, 16)
+    width = max(int(round(window / step)) if step > 0 else 1, fewest)
     if recording.num_samples < 2 * width:
         whole = np.array([0]), np.array([recording.num_samples])
         return Rests(*whole, statement="one rest: too short to search for motion")

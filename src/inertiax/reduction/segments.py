@@ -18,6 +18,7 @@ from ..physics.directions import FEWEST_DIRECTIONS, num_directions
 from ..physics.vectors import angle_between
 from ..physics.wgs84 import EARTH_RATE
 from .handling import Disturbance, undisturbed, with_force_kept
+from .held_rests import kept_for_magnitude
 from .plateaus import (
     and_beside,
     plateaus,
@@ -38,9 +39,6 @@ _LYING = np.radians(3.0)
 _MORE = 1.25  # times as many rests, from which brief ones count (convention)
 _SEVERAL = 4.0  # times as many brief rests as of long ones in too few directions (convention)
 _CLEAR = 10.0  # thresholds, highest to lowest, that find the same rests held by hand (convention)
-# s, of a rest held by hand that is kept: at its ends the hand may move by millimetres a second, which over a second
-# is as many mm/s² (convention).
-_HELD = 1.5
 
 
 class Segments(Module):
@@ -158,10 +156,13 @@ def without_disturbances(recording: Recording, found: Segments, *, held: bool = 
     used, disturbances = kept.used.copy(), kept.disturbances
     marked = np.zeros(len(start), bool)
     if held:
-        gone = {d.position for d in kept.disturbances if d.kind == "held" and d.left_out}
-        long = (found.stop - found.start)[rests] * usual_step(recording) >= _HELD
-        empty = (kept.start == kept.stop)[: len(rests)]
-        marked[rests] = np.isin(found.position[rests], list(gone)) & empty & long
+        marked[rests] = kept_for_magnitude(
+            kept,
+            found.start[rests],
+            found.stop[rests],
+            found.position[rests],
+            usual_step(recording),
+        )
         start[marked], stop[marked] = (
             found.start[marked[: len(found.start)]],
             found.stop[marked[: len(found.start)]],

@@ -45,16 +45,26 @@ def less_turning(
     if not np.any(scattered > _ROUNDING * length[chosen]):  # a constant output tells of no hand
         return covariance
     own = covariances_of_means(seen, np.zeros(chosen.sum(), int))[:, 0, 0]
-    pooled = np.einsum("ki,kij,kj->k", u, covariance, u)[chosen]
+    result = covariance.copy()
+    result[chosen] = with_variance_along(covariance[chosen], u[chosen], own)
+    return result
+
+
+def with_variance_along(
+    covariance: Float[np.ndarray, "dwell 3 3"],
+    u: Float[np.ndarray, "dwell 3"],
+    own: Float[np.ndarray, " dwell"],
+) -> Float[np.ndarray, "dwell 3 3"]:
+    """The covariances with the variances `own` along directions `u`, C' of `less_turning`; as they are where no hand
+    turned the rests, by their median. A variance of 0 is not known."""
+    pooled = np.einsum("ki,kij,kj->k", u, covariance, u)
     known = own > 0.0
     if not known.any() or not np.median(own[known] / pooled[known]) < _TURNING:
         return covariance
-    result = covariance.copy()
-    along = u[chosen][:, :, None] * u[chosen][:, None, :]
+    along = u[:, :, None] * u[:, None, :]
     across = np.eye(3) - along
     least = np.where(known, np.minimum(own, pooled), pooled)
-    result[chosen] = across @ covariance[chosen] @ across + least[:, None, None] * along
-    return result
+    return across @ covariance @ across + least[:, None, None] * along
 
 
 def _along(scatter: Scatter, u: Float[np.ndarray, "every 3"]) -> Scatter:

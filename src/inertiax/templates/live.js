@@ -196,7 +196,7 @@ if (typeof document !== "undefined") (() => {
   function lists() {
     const rests = Object.values(known.rests).reverse();
     find("rests").replaceChildren(...rests.map((r) => line(
-      `${r.number}: ${r.start.toFixed(1)} to ${r.end.toFixed(1)} s, ${r.accepted ? "accepted" : `refused: ${r.why}`}`,
+      `${r.number}: ${r.start.toFixed(1)} to ${r.end.toFixed(1)} s, ${r.accepted ? (r.held ? "accepted for the force alone, held by hand" : "accepted") : `refused: ${r.why}`}`,
       r.accepted ? "" : "bad")));
     const problems = known.problems.map((p) => line(`${p.severity}: ${p.statement}`, p.severity === "error" ? "bad" : ""));
     find("problems").replaceChildren(...(problems.length ? problems : [line("none", "soft")]));

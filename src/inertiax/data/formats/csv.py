@@ -28,6 +28,7 @@ SUFFIXES = (".csv", ".tsv", ".txt", ".log", ".dat", ".gcsv", ".lvm")
 _CUT = 0.01  # of all rows: more have an empty last field on purpose
 _CHECKSUM = re.compile(rb"\*[0-9A-Fa-f]{2}$", re.MULTILINE)
 KEYS = ("header_line",)  # of `Layout`, beyond those that all formats know
+MOST_UNIT_ROWS = 5  # below the names (convention): the loggers that are known write three
 _MOST = 10_000  # columns of a header whose doubled names are numbered; more are no log's, and take minutes to read
 # Names that are read unasked: which of two is meant nobody could say.
 _CANONICAL = {*COLUMNS, "device", *(f"{t}_{a}" for t in TRIADS for a in AXES)}
@@ -212,7 +213,8 @@ def _without_empty_ends(table: pl.DataFrame, width: int) -> pl.DataFrame:
 
 
 def without_header_again(table: pl.DataFrame, header: tuple[str, ...] | None) -> pl.DataFrame:
-    """The rows without those that hold the names once more: what a logger prints that is switched on again."""
+    """The rows without those that hold the names once more, and the rows of text that stand below the names the first
+    time, as units do: what a logger prints that is switched on again."""
     if header is None:
         return table
     again = table.to_series(0).str.strip_chars() == header[0]
@@ -220,7 +222,27 @@ def without_header_again(table: pl.DataFrame, header: tuple[str, ...] | None) ->
         if not again.any():
             return table
         again &= column.fill_null("").str.strip_chars() == name
-    return table.filter(~again.fill_null(False))
+    again = again.fill_null(False)
+    if not again.any():
+        return table
+    below = below_the_names(table)
+    rows, left_out = table.rows() if below else [], again.to_list()
+    for row in again.arg_true():
+        for k, line in enumerate(below, start=row + 1):
+            if k >= len(rows) or rows[k] != line:
+                break
+            left_out[k] = True
+    return table.filter(~pl.Series(left_out))
+
+
+def below_the_names(table: pl.DataFrame) -> list[tuple[str | None, ...]]:
+    """The first rows in which no field is a value: units, and what else a logger writes there."""
+    found = []
+    for row in table.head(MOST_UNIT_ROWS + 1).iter_rows():
+        if any(field and is_value(str(field).strip()) for field in row):
+            return found
+        found.append(row)
+    return []
 
 
 def _without_remarks(table: pl.DataFrame) -> pl.DataFrame:

@@ -55,11 +55,23 @@ def _held(
     time: Float[np.ndarray, " rows"], rows: Int[np.ndarray, " restarts"]
 ) -> Float[np.ndarray, " restarts"]:
     """What the counter holds that is full before each of the rows, s; 0 where none is."""
-    usual = np.median(np.diff(time)) if len(rows) else 0.0
+    if not len(rows):
+        return np.zeros(0)
+    steps = np.diff(time)
+    return counter_held(steps[rows - 1], float(np.median(steps)), float(np.ptp(time)))
+
+
+def counter_held(
+    back: Float[np.ndarray, " steps"], usual: float, span: float
+) -> Float[np.ndarray, " steps"]:
+    """What the counter holds that was full where a clock goes by `back` (negative), s; 0 where none was.
+
+    **Arguments:** `usual` is the step from row to row, s, and `span` from the earliest stamp to the latest, s: a
+    counter holds more than that. `live` asks for each row that goes back, `mended` for all rows at once.
+    """
     if not usual > 0.0:  # most stamps stand still
-        return np.zeros(len(rows))
-    back = np.diff(time)[rows - 1]
-    counters = np.array([f for f in _FULL if np.ptp(time) < f])
+        return np.zeros(len(back))
+    counters = np.array([f for f in _FULL if span < f])
     left = (counters + back[:, None]) / usual
     fits = (left > _LEFT[0]) & (left < _LEFT[1])
     return np.where(fits, counters, 0.0).max(axis=1, initial=0.0)
