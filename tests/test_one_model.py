@@ -355,6 +355,22 @@ def test_a_line_of_hand_logs_has_the_model_of_most_and_one_bad_device_stops_noth
 
 
 @pytest.mark.slow
+def test_what_a_probe_s_steps_hide_is_in_the_sigmas_of_a_fleet_too(tmp_path):
+    """In whole degrees over 12 °C of a bias that follows them by 0.02 (m/s²)/°C."""
+    log = hand(12.0)
+    (recording,) = log.recordings
+    probe = recording.temperature
+    follows = recording.accel + 0.02 * (probe - 25.0)
+    made = without(log, temperature=np.round(probe), accel=follows, gyro=None)
+    line = written(made, tmp_path, {"A-1": made})
+    run_fleet(line, tmp_path / "out")
+    (alone,) = calibrate(made)
+    found = fleet_calibration(tmp_path / "out", "A-1")
+    assert found.accel.curve.basis.size > 1
+    same(alone.calibration, found)
+
+
+@pytest.mark.slow
 def test_logs_too_poor_to_be_used_do_not_choose_the_model_of_the_others(tmp_path):
     """Of seven rests each biases and scale factors only, beyond use; of six no accelerometers; the last log is good."""
     poor = {f"A-{k}": _begun(1600 + 40 * k) for k in (1, 2)}

@@ -12,7 +12,9 @@ from ..physics.temperature import AbstractBasis, Polynomial
 
 
 def probe_covariance(
-    coefficients: Float[AnyArray, "*devices size parameters"], basis: AbstractBasis, sigma: float
+    coefficients: Float[AnyArray, "*devices size parameters"],
+    basis: AbstractBasis,
+    sigma: float | Float[AnyArray, "*devices"],
 ) -> Float[np.ndarray, "*devices unknowns unknowns"]:
     """Covariance of coefficients, row-major (size, parameters), by a probe error of `sigma` °C, 1 sigma.
 
@@ -24,4 +26,4 @@ def probe_covariance(
         scale = 2.0 / (basis.high - basis.low)
         slope[..., :-1, :] = scale * np.polynomial.chebyshev.chebder(values, axis=-2)
     flat = slope.reshape(*values.shape[:-2], -1)
-    return sigma**2 * flat[..., :, None] * flat[..., None, :]
+    return np.square(sigma)[..., None, None] * flat[..., :, None] * flat[..., None, :]

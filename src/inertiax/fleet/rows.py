@@ -94,7 +94,7 @@ def _columns(stack: Stack, manifest: Manifest, observe: Observer | None) -> Colu
         by_source = manifest.documented and manifest.exact and manifest.prior is None
         if by_source:
             fit = with_slow_noise(estimator, basis, mine, fit, manifest.station)
-        columns |= _entries(triad, _with_probe_error(fit, basis, manifest.rig[2]))
+        columns |= _entries(triad, _with_probe_error(fit, basis, _probe_sigma(stack, manifest)))
         columns[f"{triad}_noise"] = noise_at_rest(stack.dwells, triad)
         if by_source:
             parts = source_columns(estimator, basis, mine, fit, manifest.station)
@@ -121,9 +121,18 @@ def _gaps(dwells: Dwells, manifest: Manifest) -> list[str | None]:
     return found
 
 
-def _with_probe_error(fit: FleetFit, basis: AbstractBasis, sigma: float) -> FleetFit:
-    """The fit with the probe's promised error in its covariance."""
-    if sigma == 0.0:
+def _probe_sigma(stack: Stack, manifest: Manifest) -> Float[np.ndarray, " devices"]:
+    """1 sigma of each device's temperatures, °C, as `reduction.rounded_temperature.probe_sigma`."""
+    hidden, promised = stack.dwells.hidden_by_steps, manifest.rig[2]
+    own = np.zeros(len(stack.counts)) if hidden is None else np.asarray(hidden)[:, 0]
+    return np.hypot(own, promised)
+
+
+def _with_probe_error(
+    fit: FleetFit, basis: AbstractBasis, sigma: Float[np.ndarray, " devices"]
+) -> FleetFit:
+    """The fit with the error of each device's temperatures in its covariance."""
+    if not sigma.any():
         return fit
     coefficients = fit.parameters.reshape(len(fit.parameters), basis.size, -1)
     wider = fit.covariance + probe_covariance(coefficients, basis, sigma)

@@ -1,5 +1,6 @@
 """Means over segments, cut where they are long: one row per dwell, with the covariance of its mean."""
 
+import dataclasses
 import math
 from collections.abc import Iterator, Sequence
 from typing import Literal
@@ -18,7 +19,7 @@ from .host_stamps import remark
 from .manual_turns import turned_by_hand, with_known_angles
 from .mean_covariance import covariances_of_means
 from .rests import TURNED_SLOWLY, usual_step
-from .rounded_temperature import with_courses
+from .rounded_temperature import hidden_by_steps, with_courses
 from .sample_sums import joined_means, Reduced, reduced, scatter_of
 from .segments import Segments
 from .turning_hand import less_turning
@@ -64,7 +65,7 @@ def reduce_to_dwells(
     for name, value in (("longest", longest), ("temperature_step", temperature_step)):
         if value is not None and not value > 0:
             raise ValueError(f"`reduce_to_dwells({name}=...)` must be positive; got {value}.")
-    recordings = with_courses(recordings)
+    hidden, recordings = hidden_by_steps(recordings), with_courses(recordings)
     labels = _experiments(recordings)
     found = segment_all(recordings, window=window, held=True) if segments is None else segments
     parts = [
@@ -79,7 +80,10 @@ def reduce_to_dwells(
             f"constant rate{why}; let it lie for seconds in each orientation, or give a column 'position' of 0 or more "
             f"at rest (or reference_gyro).{next(filter(None, map(remark, recordings)), '')}"
         )
-    return _means(recordings, parts)
+    dwells = _means(recordings, parts)
+    if not hidden:
+        return dwells
+    return dataclasses.replace(dwells, hidden_by_steps=np.full(dwells.num_dwells, hidden))
 
 
 def _check_together(recordings: Sequence[Recording]) -> None:

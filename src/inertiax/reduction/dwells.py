@@ -73,6 +73,8 @@ class Dwells(eqx.Module):
     standing_part: Float[AnyArray, " *dwell"] | None = None
     # Rests that a hand held, if there are any: it turns a device, and pushes it nowhere for long, so |a| alone counts.
     held: Bool[AnyArray, " *dwell"] | None = None
+    # °C, 1 sigma: what a probe's coarse steps hide of all temperatures, where they show (`rounded_temperature`).
+    hidden_by_steps: Float[AnyArray, " *dwell"] | None = None
 
     def __check_init__(self):
         shape = jnp.shape(self.time)
