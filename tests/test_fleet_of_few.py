@@ -25,8 +25,10 @@ from inertiax.fleet.magnetometers import in_tables
 from inertiax.fleet.overview.view import triad_view
 from inertiax.fleet.reduce.tasks import Stretch, Task
 from inertiax.fleet.rows import _gaps
+from inertiax.fleet.solve.quarantine import _cure
 from inertiax.fleet.store import read_manifest, read_parts
 from inertiax.fleet.verdicts import count_verdicts, device_findings, device_verdict
+from inertiax.physics.temperature import Constant, Polynomial
 from inertiax.plots.fleet import distributions
 from inertiax.plots.style import drawing
 from inertiax.reduction.dwells import Dwells
@@ -137,6 +139,15 @@ def test_a_misfit_is_not_hidden_behind_a_lesser_reservation_of_all(few):
     )
     text = re.sub(r"<[^>]+>", "", (few / "report.html").read_text("utf-8"))
     assert gap in text and html.unescape(text).count(misfit) == 1
+
+
+def test_an_uncertain_device_is_told_which_temperatures_it_lacks():
+    """Positions were asked for where two chamber settings left a slope open."""
+    settings = np.array([-30.0, -29.0, 21.0, 20.0])
+    said = "record temperatures between -29 and 20 °C, of which there are none, or more positions"
+    assert _cure(Polynomial(1, -30.0, 21.0), settings) == said
+    assert _cure(Polynomial(1, -30.0, 21.0), np.linspace(-30.0, 21.0, 9)) == "record more positions"
+    assert _cure(Constant(), settings) == "record more positions"
 
 
 def test_files_that_are_not_there_are_not_listed(few):

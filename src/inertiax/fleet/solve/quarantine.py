@@ -8,6 +8,7 @@ from ...calibrate.goodness_of_fit import (
     grade_matrix,
     grade_misfit,
     grade_parameters,
+    LIMITS,
     matrix_mistakes,
     misfit_words,
     UNUSABLE,
@@ -51,7 +52,10 @@ def judge(
     for k in np.flatnonzero(~good):
         mine = np.asarray(temperature)[k][fit.valid[k]]
         few = _too_few_temperatures(estimator.triad, basis, mine) if alone else None
-        said = _reason(estimator, basis, fit, worst[k], values[k], float(rms[k]), int(k), alone)
+        cure = _cure(basis, mine)
+        said = _reason(
+            estimator, basis, fit, worst[k], values[k], float(rms[k]), int(k), alone, cure
+        )
         reasons[k] = said if few is None or rows[k] < basis.size * estimator.num_parameters else few
     return tuple(reasons)
 
@@ -87,6 +91,17 @@ def _too_few_temperatures(
     )
 
 
+def _cure(basis: AbstractBasis, temperature: Float[np.ndarray, " dwells"]) -> str:
+    """What to record of a device with an uncertain parameter: what its temperatures leave out comes first."""
+    ordered = np.sort(temperature)
+    gaps = np.diff(ordered)
+    if basis.size == 1 or not len(gaps) or gaps.max() <= LIMITS.temperature_gap * gaps.sum():
+        return "record more positions"
+    at = int(np.argmax(gaps))
+    between = f"{ordered[at]:.0f} and {ordered[at + 1]:.0f} °C"
+    return f"record temperatures between {between}, of which there are none, or more positions"
+
+
 def rms_misfit(fit: FleetFit) -> Float[np.ndarray, " devices"]:
     """Root mean square of each device's misfit, without padding, SI; NaN for a device without dwells."""
     kept = np.broadcast_to(fit.valid[:, :, None], fit.misfit.shape)
@@ -103,6 +118,7 @@ def _reason(
     rms: float,
     k: int,
     alone: bool,
+    cure: str,
 ) -> str | None:
     triad, dwells = estimator.triad, int(fit.valid[k].sum())
     unknowns = basis.size * estimator.num_parameters
@@ -133,8 +149,5 @@ def _reason(
         return f"{triad}: {misfit_words(unit, rms, ratio, float(fit.scatter[k]))}"
     for name, worst in zip(estimator.names, sigma.tolist(), strict=True):
         if worst > usual_size(name):
-            return (
-                f"{triad}: {name} is uncertain by {worst:.2g} (1 sigma; limit {usual_size(name):g}): "
-                "record more positions"
-            )
+            return f"{triad}: {name} is uncertain by {worst:.2g} (1 sigma; limit {usual_size(name):g}): {cure}"
     return None
