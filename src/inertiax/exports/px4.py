@@ -85,7 +85,8 @@ def write(calibration: Calibration, settings: Settings) -> Export:
         notes = (*notes, HELD.format(name="PX4"))
     if settings.accel_id == 0 or settings.gyro_id == 0:
         notes = (
-            "PX4 wants the sensors' own numbers: give --set accel_id=... --set gyro_id=...",
+            "PX4 wants the sensors' own numbers, device_id in its logs of sensor_accel and sensor_gyro: give --set "
+            "accel_id=... --set gyro_id=...",
             *notes,
         )
     if calibration.baro is not None:
