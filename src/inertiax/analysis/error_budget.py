@@ -26,7 +26,8 @@ from ..physics.leaves import is_traced
 from ..physics.temperature import Curve
 from ..procedure.thermal_iterations import dwell_residuals, joint_fit, normal_matrix
 from ..reduction.dwells import Dwells, known_force
-from .sources import by_force, feels_force, Scene, Source
+from .force_on_gyros import by_force, feels_force
+from .sources import Scene, Source
 
 
 def make_scene(estimator: AbstractEstimator, curve: Curve, dwells: Dwells) -> Scene:

@@ -15,11 +15,8 @@ from jaxtyping import Array, Float
 
 from .._typing import AnyArray, Scalar
 from ..data.plausible_units import check_from_zero
-from ..estimators import AbstractEstimator, ReferenceGyroRig
-from ..estimators.triads import GyroEstimator
 from ..physics import rotation
 from ..physics.leaves import as_leaf
-from ..physics.temperature import Curve
 from ..reduction.dwells import Dwells
 
 
@@ -170,26 +167,6 @@ def _along_rate(values: Array, scene: Scene, dwells: Dwells) -> Disturbance:
     turning = jnp.where(jnp.asarray(dwells.position) < 0, 1.0, 0.0)[:, None]
     assert scene.rate is not None
     return Disturbance(rate=values * turning * jnp.asarray(scene.rate))
-
-
-def by_force(
-    estimator: AbstractEstimator, curve: Curve, dwells: Dwells, change: Array | None
-) -> Array | None:
-    """What a change of the force adds to gyros that feel it: D Δa / g."""
-    if change is None or not feels_force(estimator):
-        return None
-    assert isinstance(estimator, GyroEstimator | ReferenceGyroRig)
-    gravity = estimator.gravity
-
-    def one(temperature: Array, felt: Array) -> Array:
-        return jnp.asarray(estimator.unpack(curve(temperature)).g_sensitivity) @ (felt / gravity)
-
-    return jax.vmap(one)(jnp.asarray(dwells.temperature), change)
-
-
-def feels_force(estimator: AbstractEstimator) -> bool:
-    """Whether gyros are estimated that the force acts on."""
-    return estimator.triad == "gyro" and bool(getattr(estimator, "g_sensitivity", False))
 
 
 def _bias(name: str, size: float, per: str, triad: str) -> Source:

@@ -66,9 +66,10 @@ class FittedEffect(Module):
                 _check_form(effect, self.triad, settings, self.unit, where)
                 check_settings(effect, self.triad, settings, where)
                 needed = num_coefficients(effect, self.triad, settings, self.degree)
-                if needed not in (None, count[0]):
+                if needed and count[0] not in needed:
                     raise ValueError(
-                        f"{where}: {count[0]} coefficients; in this form the effect has {needed}."
+                        f"{where}: {count[0]} coefficients; in this form the effect has "
+                        f"{' or '.join(map(str, needed))}."
                     )
 
     @property

@@ -33,13 +33,14 @@ def check_settings(effect: Effect, triad: str, settings: Mapping[str, object], w
 
 def num_coefficients(
     effect: Effect, triad: str, settings: Mapping[str, object], degree: int | None
-) -> int | None:
-    """How many coefficients a channel has in a form; `None` where only a compiled program would tell.
+) -> tuple[int, ...]:
+    """How many coefficients a channel may have in a form; empty where only a compiled program would tell.
 
-    **Arguments:** `degree` of the model beside it. Real settings, such as time constants, do not matter.
+    They are several where it matters what was recorded, as whether the vertical is known. **Arguments:** `degree` of
+    the model beside it. Real settings, such as time constants, do not matter.
     """
     if not effect.in_numpy:
-        return None
+        return ()
     real = lambda v: is_traced(v) or not isinstance(v, str | int)
     fixed = tuple(sorted((k, 1.0 if real(v) else v) for k, v in settings.items()))
     return _columns(effect.shape, triad, fixed, degree or 1)
@@ -48,11 +49,13 @@ def num_coefficients(
 @functools.lru_cache(maxsize=256)
 def _columns(
     shape: Callable[..., AnyArray], triad: str, fixed: tuple[tuple[str, object], ...], degree: int
-) -> int | None:
+) -> tuple[int, ...]:
+    signals = [_signal(triad, degree, known=known) for known in (True, False)]
     try:
-        return int(np.shape(shape(_signal(triad, degree), **dict(fixed)))[-1])
+        counts = {int(np.shape(shape(s, **dict(fixed)))[-1]) for s in signals}
     except (KeyError, ValueError, IndexError, TypeError):  # a form that it does not know
-        return None
+        return ()
+    return tuple(sorted(counts))
 
 
 @functools.lru_cache(maxsize=256)
@@ -72,8 +75,8 @@ def _is_number(value: object) -> bool:
         return False
 
 
-def _signal(triad: str, degree: int) -> Signal:
-    """A few rows with all that a shape may ask for."""
+def _signal(triad: str, degree: int, *, known: bool = True) -> Signal:
+    """A few rows with all that a shape may ask for; `known`: the vertical, and how the device is turned about it."""
     time, three = 10.0 * np.arange(float(_ROWS)), np.ones((_ROWS, 3))
     return Signal(
         triad=triad,
@@ -91,8 +94,8 @@ def _signal(triad: str, degree: int) -> Signal:
         rate=three,
         rate_change=three,
         room=np.tile(np.eye(3), (_ROWS, 1, 1)),
-        upright=True,
-        oriented=True,
+        upright=known,
+        oriented=known,
         vibration=np.ones(_ROWS),
         resolution=np.ones(3),
         scatter=np.ones(3),
