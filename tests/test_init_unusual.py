@@ -572,3 +572,11 @@ def test_one_motion_tells_no_unit_in_which_the_zero_is_no_gyro_s(tmp_path):
         unit = draft(path)["columns"]["gyro"]["unit"]
         said = (tmp_path / "campaign.toml").read_text()
         assert (unit, "CHECK gyro" in said) == (("rad/s", False) if told else ("deg/s", True))
+
+
+def test_whole_numbers_that_end_at_2000_are_degrees_per_second(tmp_path):
+    """A boomerang's gyro stood at -2000; it was taken for counts of a range of 250 deg/s."""
+    rate = np.round(np.random.default_rng(6).normal(0.0, 3.0, (600, 3)))
+    rate[200:400, 2] = np.maximum(-40.0 * np.minimum(np.arange(200), np.arange(200)[::-1]), -2000.0)
+    path = written(tmp_path / "gyro.csv", (rate,), "wx,wy,wz")
+    assert draft(path)["columns"]["gyro"] == {"names": ["wx", "wy", "wz"], "unit": "deg/s"}
