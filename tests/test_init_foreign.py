@@ -13,6 +13,7 @@ import pytest
 import scipy.io
 from scipy.spatial.transform import Rotation
 
+from command_runs import run
 from inertiax.calibrate.fit_quality import judge
 from inertiax.calibrate.pipeline import calibrate_device
 from inertiax.campaign_draft import draft_campaign
@@ -334,3 +335,10 @@ def test_a_sentence_without_gravity_is_refused(tmp_path):
     content = lines(["$VNYBA"] * ROWS, *np.zeros((3, ROWS)), *FORCE.T, *TURNS.T)
     with pytest.raises(ValueError, match="VNYBA holds an acceleration from which .* log .VNIMU"):
         drafted(tmp_path / "log.txt", content)
+
+
+def test_init_of_what_nothing_can_read_fails(tmp_path, capsys, monkeypatch):
+    """It wrote a campaign and ended with 0."""
+    (tmp_path / "log.ulg").write_bytes(bytes(range(256)) * 8)
+    status, _, error = run(capsys, monkeypatch, "init", tmp_path / "log.ulg", "-o", tmp_path / "c")
+    assert status == 1 and "not a ULog" in error

@@ -605,3 +605,13 @@ def test_a_slow_clock_without_a_unit_is_marked(tmp_path, step, jitter, marked):
     text = (tmp_path / "campaign.toml").read_text()
     assert ("CHECK time" in text) == marked
     assert ('unit = "0.1 ms", 100 Hz' in text) == marked
+
+
+def test_counts_that_leave_what_electronics_bears_are_no_temperature(tmp_path):
+    """`Temp/q0` of an MTi-G, 47 °C at the median by an MPU-6500's data sheet, went to 156 °C."""
+    counts = np.where(np.arange(len(TIME)) % 3, 7600.0, 45240.0)
+    path = written(
+        tmp_path / "log.csv", (TIME, ACCEL, GYRO, counts), "time,ax,ay,az,gx,gy,gz,Temp/q0"
+    )
+    assert "temperature" not in draft(path)["columns"]
+    assert "CHECK temperature: Temp/q0" in (tmp_path / "campaign.toml").read_text()

@@ -14,6 +14,7 @@ from .scale_notes import temperature_note
 
 _CELSIUS = (-60.0, 130.0)  # what electronics bears
 _KELVIN = (210.0, 405.0)
+_NEARLY_ALL = (0.005, 0.995)  # of the rows; a few may be a sensor's that was not ready
 _ROOM = (10.0, 55.0)  # °C, a board at work in a room
 _TENTHS = re.compile(
     r"^(?:imu|baro|esc)temperature$"
@@ -114,7 +115,13 @@ def temperature_unit(log: RawLog, name: str) -> TemperatureUnit:
     if _KELVIN[0] <= low and high <= _KELVIN[1]:
         return TemperatureUnit("K", None, None, span, True)
     middle = float(np.median(values))
-    fits = [s for s in TEMPERATURE_SCALES if _ROOM[0] <= middle / s[0] + s[1] <= _ROOM[1]]
+    ends = np.quantile(values, _NEARLY_ALL)
+    fits = [
+        (scale, zero, sensor)
+        for scale, zero, sensor in TEMPERATURE_SCALES
+        if _ROOM[0] <= middle / scale + zero <= _ROOM[1]
+        and _CELSIUS[0] <= ends[0] / scale + zero <= ends[1] / scale + zero <= _CELSIUS[1]
+    ]
     scale = None if note is None else note.scale
     known = scale is None or any(abs(scale / s[0] - 1.0) < _SAME for s in TEMPERATURE_SCALES)
     if scale is not None and not known:
