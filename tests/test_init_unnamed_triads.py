@@ -103,7 +103,10 @@ def turning(radius, spread, center=0.0, rows=600):
 def test_counts_that_turn_all_ways_without_poses_may_be_a_field(tmp_path):
     """A public magnetometer's counts, 500 at any attitude, were accelerometers of 512 per g without a word."""
     draft(written(tmp_path / "raw.txt", (turning(500.0, 3.0, center=[-30.0, 20.0, 40.0]),)))
-    assert "may be a magnetometer's as well" in (tmp_path / "campaign.toml").read_text()
+    text = tmp_path / "campaign.toml"
+    assert "may be a magnetometer's as well" in text.read_text()
+    draft(written(tmp_path / "Accelero_7.txt", (turning(500.0, 3.0),)))  # as the file says
+    assert "may be a magnetometer's as well" not in text.read_text()
 
 
 def test_counts_at_rest_by_a_data_sheet_are_no_field(tmp_path):

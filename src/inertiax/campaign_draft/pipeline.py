@@ -24,6 +24,7 @@ from .accel_unit import (
 from .bag_topics import topic_lines
 from .clock import counted
 from .column_roles import roles_of, WITH_GRAVITY
+from .column_words import FILES, plain
 from .companions import gyro_companion
 from .controller_log import correction_remarks
 from .converters import ACCEL_SCALES, middle, nearest, rounded, whole
@@ -254,7 +255,8 @@ def _columns(
         unit = unit if told_by_counts is None else told_by_counts[0]
         units["accel"] = unit
         lines.append(_triad("accel", found.roles.accel if named else None, unit))
-        if found.gyro is None and not named and _or_a_field(found.accel, rests, unit):
+        called = FILES["accel"].search(plain(found.log.path.stem))
+        if found.gyro is None and not (named or called) and _or_a_field(found.accel, rests, unit):
             remarks.append(_OR_A_FIELD)
     if found.gyro is not None:
         moving, range_ = _in_motion(found), found.log.stated_range
