@@ -615,3 +615,13 @@ def test_counts_that_leave_what_electronics_bears_are_no_temperature(tmp_path):
     )
     assert "temperature" not in draft(path)["columns"]
     assert "CHECK temperature: Temp/q0" in (tmp_path / "campaign.toml").read_text()
+
+
+@pytest.mark.parametrize("counts", [True, False])
+def test_counts_of_a_temperature_are_a_chip_s_beside_such_accelerometers(tmp_path, counts):
+    """An MTi-G's, which are 1/256 degC, were an MPU-6500's without a mark, by their size alone."""
+    accel = np.round(16384.0 * ACCEL / G) if counts else ACCEL
+    raw = np.round(8600.0 + 100.0 * np.sin(TIME))
+    path = written(tmp_path / "log.csv", (TIME, accel, GYRO, raw), "time,ax,ay,az,gx,gy,gz,temp")
+    assert draft(path)["columns"]["temperature"]["scale"] == 333.87
+    assert ("CHECK temperature" in (tmp_path / "campaign.toml").read_text()) != counts

@@ -294,7 +294,7 @@ def _columns(
         remarks = [*_on_poses(found, rests, references=angles is not None, about=about), *remarks]
     if found.roles.temperature is not None:
         name = found.roles.temperature
-        told = temperature_unit(found.log, name)
+        told = temperature_unit(found.log, name, of_chip=_by_data_sheet(units.get("accel")))
         if told.unit is None:
             remarks.append(f"{CHECK} temperature: {told.why}; it is left out")
         else:
@@ -341,6 +341,10 @@ def _model(found: RawTriads, rests: Resting) -> Table:
 def _poses(accel: Float[np.ndarray, "time 3"], rests: Resting) -> int:
     assert rests.accel is not None
     return poses(directions(accel, rests.accel))
+
+
+def _by_data_sheet(accel: TriadUnit | None) -> bool:
+    return accel is not None and accel.unit == "count" and accel.scale in ACCEL_SCALES
 
 
 def _or_a_field(accel: Float[np.ndarray, "time 3"], rests: Resting, unit: TriadUnit) -> bool:

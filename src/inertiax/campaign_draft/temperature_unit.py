@@ -58,14 +58,18 @@ class TemperatureUnit(NamedTuple):
         return value
 
 
-def temperature_unit(log: RawLog, name: str) -> TemperatureUnit:
-    """Unit of a temperature column."""
+def temperature_unit(log: RawLog, name: str, *, of_chip: bool = False) -> TemperatureUnit:
+    """Unit of a temperature column.
+
+    **Arguments:** `of_chip` says that the accelerometers beside it are counts by a data sheet as well; counts alone may
+    be any converter's.
+    """
     values: Float[np.ndarray, " rows"] = log.numbers[name]
     told = np.isfinite(values)
     if not told.all():
         if told.sum() < 2:
             return TemperatureUnit(None, None, None, f"{name} holds no two numbers", False)
-        unit = temperature_unit(log._replace(numbers={name: values[told]}), name)
+        unit = temperature_unit(log._replace(numbers={name: values[told]}), name, of_chip=of_chip)
         text = f"{unit.why}; {told.sum()} of {len(told)} rows hold it, with straight lines between"
         return unit._replace(why=text)
     low, high = float(values.min()), float(values.max())
@@ -139,7 +143,11 @@ def temperature_unit(log: RawLog, name: str) -> TemperatureUnit:
         scale, zero, sensor = (named or fits)[0]
         text = f"counts {span}; by the data sheet of {sensor} {middle / scale + zero:.1f} degC at the median"
         return TemperatureUnit(
-            "count", scale, round(-zero * scale, 1), text, len(named or fits) == 1
+            "count",
+            scale,
+            round(-zero * scale, 1),
+            text,
+            len(named or (fits if of_chip else ())) == 1,
         )
     return TemperatureUnit(
         None, None, None, f"{name} reads {span}, which is no temperature in degC, K or degF", False

@@ -17,7 +17,7 @@ class _Samples(NamedTuple):
     keys: tuple[str, ...]  # the way to them
     flat: bool  # numbers alone: a table as it is
     of_sensors: bool
-    count: int
+    rows: int
 
 
 def cure(path: Path, *, lines: bool) -> str:
@@ -38,7 +38,7 @@ def cure(path: Path, *, lines: bool) -> str:
         return _command(f"polars.DataFrame({document})")
     if not found:
         return _WHERE
-    best = max(found, key=lambda s: (s.of_sensors, s.count))
+    best = max(found, key=lambda s: (s.of_sensors, s.rows))
     rows = document + "".join(f"[{key!r}]" for key in best.keys)
     if best.flat:
         return _command(f"polars.DataFrame({rows})")
