@@ -214,7 +214,7 @@ TOML = {
     ),
     "unknown time unit": (
         TIME + '{ unit = "sec" }',
-        "[columns] time: unit 'sec' is not known; use one of s, ms, us, µs, ns, min, h, d.",
+        "[columns] time: unit 'sec' is not known; use one of s, ms, us, µs, ns, min, h, d, 0.1 ms.",
     ),
     "row index without rate": (
         TIME + "{ row_index = true }",

@@ -42,3 +42,23 @@ def test_a_channel_that_died_within_its_range_is_dead():
     accel[:200, 2] = 3.0
     accel[1375:1575, 2] = 3.0
     assert kinds(accel)["constant_channel"] == "error"
+
+
+def gyro_kinds(rate):
+    recording = Recording(time=np.arange(len(rate)) / 50.0, gyro=rate, name="a.csv")
+    found = check_campaign(Campaign((recording,), Site(9.80665))).findings
+    return {f.kind for f in found if f.what == "gyro_z"}
+
+
+@pytest.mark.parametrize("died", [False, True])
+def test_a_range_that_is_left_once_is_no_death(died):
+    """A boomerang's gyro stood at -2000 deg/s for the whole throw: "the channel was dead there"."""
+    rng = np.random.default_rng(4)
+    rate = rng.normal(0.0, 0.5, (3000, 3))
+    throw = 60.0 * np.exp(-(((np.arange(3000) - 1500.0) / 500.0) ** 4))
+    rate[:, 2] = np.maximum(rate[:, 2] - throw, -34.9)
+    if died:
+        rate[:, 2] = rng.normal(0.0, 0.5, 3000)
+        rate[1000:2000, 2] = -34.9
+    assert ("constant_channel" in gyro_kinds(rate)) == died
+    assert "saturation" in gyro_kinds(rate) or died

@@ -4,6 +4,8 @@ The contents are made here, after the forms of public logs.
 """
 
 import struct
+import subprocess
+import sys
 import tomllib
 
 import numpy as np
@@ -11,6 +13,7 @@ import pytest
 import scipy.io
 from scipy.spatial.transform import Rotation
 
+from command_runs import run
 from inertiax.calibrate.fit_quality import judge
 from inertiax.calibrate.pipeline import calibrate_device
 from inertiax.campaign_draft import draft_campaign
@@ -230,6 +233,8 @@ def test_a_packed_file_is_to_be_unpacked(tmp_path):
         ("log.tdms", b"TDSm\x0e\x00", r"TdmsFile.read\('log.tdms'\)"),
         ("log.mf4", b"MDF     4.10\x00", r"asammdf.MDF\('log.mf4'\)"),
         ("log.feather", b"ARROW1\x00\x00", r"read_ipc\('log.feather'\)"),
+        ("log.gt3x", b"PK\x03\x04", r"ActiLife: Raw.*FileReader\('log.gt3x'\)"),
+        ("log.bin", b"Device Identity\r\nDevice Type:GENEActiv\r\n", r"read.bin\('log.bin'\)"),
         ("log.pkl", b"\x80\x04\x95", "never opened here"),
     ],
 )  # fmt: skip
@@ -237,6 +242,43 @@ def test_files_of_other_programs_are_refused_with_the_cure(tmp_path, name, conte
     path = tmp_path / name
     path.write_bytes(content)
     with pytest.raises(ValueError, match=rf"{name}: it is .*{cure}"):
+        draft_campaign(path, tmp_path)
+
+
+NESTED = {
+    "records of lists in groups": (
+        '{"emg": {"data": [[1, 2], [3, 4], [5, 6]]}, "imu": {"frequency": 50, "data": '
+        '[{"acceleration": [1, 2, 3], "t": 0.0}, {"acceleration": [4, 5, 6], "t": 0.5}]}}',
+        ["acceleration_0,acceleration_1,acceleration_2,t", "1,2,3,0.0", "4,5,6,0.5"],
+    ),
+    "records of records": (
+        '[{"t": 0.0, "acc": {"x": 1, "y": 2}}, {"t": 0.5, "acc": {"x": 3, "y": 4}}]',
+        ["t,acc_x,acc_y", "0.0,1,2", "0.5,3,4"],
+    ),
+    "columns in a group": (
+        '{"name": "a", "imu": {"t": [0.0, 0.5], "ax": [1, 2]}}',
+        ["t,ax", "0.0,1", "0.5,2"],
+    ),
+    "records": ('[{"t": 0.0, "ax": 1}, {"t": 0.5, "ax": 2}]', ["t,ax", "0.0,1", "0.5,2"]),
+}
+
+
+@pytest.mark.parametrize(("text", "table"), NESTED.values(), ids=NESTED)
+def test_the_command_for_json_makes_a_table(tmp_path, text, table):
+    """Of a public data set's files it ended in "CSV format does not support nested data"."""
+    path = tmp_path / "good.json"
+    path.write_text(text)
+    with pytest.raises(ValueError, match="it is JSON") as refused:
+        draft_campaign(path, tmp_path)
+    command = str(refused.value).split("as text: python ")[1].removesuffix(".")
+    subprocess.run(f"{sys.executable} {command}", shell=True, check=True, cwd=tmp_path)
+    assert (tmp_path / "log.csv").read_text().split() == table
+
+
+def test_json_without_a_table_is_told_so(tmp_path):
+    path = tmp_path / "log.json"
+    path.write_text('{"name": "a", "imu": {"acc": [[[1], 2]]}}')
+    with pytest.raises(ValueError, match="write its samples as text, a row each"):
         draft_campaign(path, tmp_path)
 
 
@@ -293,3 +335,10 @@ def test_a_sentence_without_gravity_is_refused(tmp_path):
     content = lines(["$VNYBA"] * ROWS, *np.zeros((3, ROWS)), *FORCE.T, *TURNS.T)
     with pytest.raises(ValueError, match="VNYBA holds an acceleration from which .* log .VNIMU"):
         drafted(tmp_path / "log.txt", content)
+
+
+def test_init_of_what_nothing_can_read_fails(tmp_path, capsys, monkeypatch):
+    """It wrote a campaign and ended with 0."""
+    (tmp_path / "log.ulg").write_bytes(bytes(range(256)) * 8)
+    status, _, error = run(capsys, monkeypatch, "init", tmp_path / "log.ulg", "-o", tmp_path / "c")
+    assert status == 1 and "not a ULog" in error

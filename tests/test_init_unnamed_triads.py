@@ -88,3 +88,28 @@ def test_two_accelerometers_and_gyros_are_no_parts(tmp_path):
     other = np.round(ACCEL + 0.05 * RNG.standard_normal(ACCEL.shape), 3)
     names = draft(written(tmp_path / "log.csv", (TIME, ACCEL, GYRO, other)))["recordings"]["names"]
     assert names[1:7] == ["accel_x", "accel_y", "accel_z", "gyro_x", "gyro_y", "gyro_z"]
+
+
+def turning(radius, spread, center=0.0, rows=600):
+    """Counts of a vector seen by a device that a hand turns all ways and never lays down."""
+    t = np.arange(rows) / 100.0
+    up = np.stack(
+        [np.sin(2.1 * t), np.cos(2.1 * t) * np.sin(1.3 * t), np.cos(2.1 * t) * np.cos(1.3 * t)],
+        axis=1,
+    )
+    return np.round(radius * up + center + RNG.normal(0.0, spread, up.shape))
+
+
+def test_counts_that_turn_all_ways_without_poses_may_be_a_field(tmp_path):
+    """A public magnetometer's counts, 500 at any attitude, were accelerometers of 512 per g without a word."""
+    draft(written(tmp_path / "raw.txt", (turning(500.0, 3.0, center=[-30.0, 20.0, 40.0]),)))
+    text = tmp_path / "campaign.toml"
+    assert "may be a magnetometer's as well" in text.read_text()
+    draft(written(tmp_path / "Accelero_7.txt", (turning(500.0, 3.0),)))  # as the file says
+    assert "may be a magnetometer's as well" not in text.read_text()
+
+
+def test_counts_at_rest_by_a_data_sheet_are_no_field(tmp_path):
+    counts = np.round([20.0, -30.0, 16384.0] + RNG.normal(0.0, 20.0, (600, 3)))
+    draft(written(tmp_path / "raw.txt", (counts,)))
+    assert "may be a magnetometer's as well" not in (tmp_path / "campaign.toml").read_text()

@@ -572,3 +572,56 @@ def test_one_motion_tells_no_unit_in_which_the_zero_is_no_gyro_s(tmp_path):
         unit = draft(path)["columns"]["gyro"]["unit"]
         said = (tmp_path / "campaign.toml").read_text()
         assert (unit, "CHECK gyro" in said) == (("rad/s", False) if told else ("deg/s", True))
+
+
+def test_whole_numbers_that_end_at_2000_are_degrees_per_second(tmp_path):
+    """A boomerang's gyro stood at -2000; it was taken for counts of a range of 250 deg/s."""
+    rate = np.round(np.random.default_rng(6).normal(0.0, 3.0, (600, 3)))
+    rate[200:400, 2] = np.maximum(-40.0 * np.minimum(np.arange(200), np.arange(200)[::-1]), -2000.0)
+    path = written(tmp_path / "gyro.csv", (rate,), "wx,wy,wz")
+    assert draft(path)["columns"]["gyro"] == {"names": ["wx", "wy", "wz"], "unit": "deg/s"}
+
+
+def test_stamps_of_an_mti_that_lack_rows_are_tenths_of_ms(tmp_path):
+    """They were microseconds: 10 kHz."""
+    stamps = 281696 + 200 * np.arange(len(TIME))
+    kept = np.random.default_rng(8).random(len(TIME)) > 0.02
+    columns = (stamps[kept], ACCEL[kept], GYRO[kept])
+    path = written(tmp_path / "log.csv", columns, "SampleTimeFine,ax,ay,az,gx,gy,gz")
+    assert draft(path)["columns"]["time"] == {"name": "SampleTimeFine", "unit": "0.1 ms"}
+    (recording,) = load_campaign(tmp_path).recordings
+    assert np.median(np.diff(recording.time)) == pytest.approx(0.02, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("step", "jitter", "marked"), [(100, 0, True), (100, 3, False), (10, 0, False)]
+)
+def test_a_slow_clock_without_a_unit_is_marked(tmp_path, step, jitter, marked):
+    """A public log's `time` in tenths of ms, 100 Hz, was read as 10 Hz without a word."""
+    off = np.random.default_rng(9).integers(0, jitter + 1, 600)
+    stamps = 281696 + step * np.arange(600) + off
+    rest = np.random.default_rng(10).normal([0.1, 0.2, 9.8], 0.01, (600, 3))
+    draft(written(tmp_path / "log.csv", (stamps, rest), "time,ax,ay,az"))
+    text = (tmp_path / "campaign.toml").read_text()
+    assert ("CHECK time" in text) == marked
+    assert ('unit = "0.1 ms", 100 Hz' in text) == marked
+
+
+def test_counts_that_leave_what_electronics_bears_are_no_temperature(tmp_path):
+    """`Temp/q0` of an MTi-G, 47 °C at the median by an MPU-6500's data sheet, went to 156 °C."""
+    counts = np.where(np.arange(len(TIME)) % 3, 7600.0, 45240.0)
+    path = written(
+        tmp_path / "log.csv", (TIME, ACCEL, GYRO, counts), "time,ax,ay,az,gx,gy,gz,Temp/q0"
+    )
+    assert "temperature" not in draft(path)["columns"]
+    assert "CHECK temperature: Temp/q0" in (tmp_path / "campaign.toml").read_text()
+
+
+@pytest.mark.parametrize("counts", [True, False])
+def test_counts_of_a_temperature_are_a_chip_s_beside_such_accelerometers(tmp_path, counts):
+    """An MTi-G's, which are 1/256 degC, were an MPU-6500's without a mark, by their size alone."""
+    accel = np.round(16384.0 * ACCEL / G) if counts else ACCEL
+    raw = np.round(8600.0 + 100.0 * np.sin(TIME))
+    path = written(tmp_path / "log.csv", (TIME, accel, GYRO, raw), "time,ax,ay,az,gx,gy,gz,temp")
+    assert draft(path)["columns"]["temperature"]["scale"] == 333.87
+    assert ("CHECK temperature" in (tmp_path / "campaign.toml").read_text()) != counts

@@ -9,7 +9,8 @@ import scipy.signal
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
-from inertiax.calibrate.fit_quality import judge
+from inertiax.calibrate.fit_quality import judge, Quality
+from inertiax.calibrate.goodness_of_fit import ATTENTION, Finding
 from inertiax.calibrate.joint_imu_fit import fit_together
 from inertiax.calibrate.pipeline import calibrate, DeviceFailure, DeviceResult
 from inertiax.calibration.calibration import read_calibration, write_calibration
@@ -283,6 +284,15 @@ def test_a_campaign_that_leaves_lever_arms_out_is_told_to_set_them():
     assert "set lever_arms = true" in quality.answer and "wrong units" not in quality.answer
     said = after_calibrate(quality, Path("C"), Path("R"), table=True)
     assert "lever_arms = true" in said and "campaign.toml" in said
+
+
+def test_after_magnetometers_alone_no_diagnosis_is_named():
+    """`next: inertiax diagnose` refused each of their campaigns: it is of accelerometers and gyros."""
+    misfit = Finding("misfit", ATTENTION, "Magnetometers: 2 µT rms is left.")
+    quality = Quality("usable", "", (misfit,), (), ())
+    said = lambda triads: after_calibrate(quality, Path("C"), Path("R"), table=False, triads=triads)
+    assert "inertiax diagnose" in said(True)
+    assert said(False).startswith("next: inertiax compensate")
 
 
 @pytest.mark.slow

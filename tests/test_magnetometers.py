@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from inertiax.calibrate.magnetic_fit import Fit
 from inertiax.calibrate.magnetometers import calibrate_magnetometers
 from inertiax.calibrate.magnetometers_of_device import magnetometer_calibration
 from inertiax.calibrate.pipeline import calibrate_device
@@ -313,3 +314,26 @@ def test_normalised_errors_have_unit_variance():
     assert 0.83 < np.mean(chi2) < 1.132
     # 95 % of 13 × 80 scores, about four independent ones a run: 1.2 %; 3 sigma. Sigmas 20 % too small are seen.
     assert abs(np.mean(np.abs(scores) < 1.96) - 0.95) < 0.037
+
+
+def test_a_field_that_hardly_moves_is_told_in_microtesla_without_another_unit():
+    """A phone on a table, in µT: it "moved by 1.31e-06", and gauss was advised."""
+    found = rows(1, rests=0, moving=240, noise=0.0)
+    still = np.array([1e-5, 2e-5, -4e-5]) + 1e-6 * np.random.default_rng(2).normal(size=(240, 3))
+    with pytest.raises(ValueError, match=r"move by 1.\d+ uT about their middle.* all ways\.$"):
+        calibrate_magnetometers(eqx.tree_at(lambda d: d.mag, found, still))
+    with pytest.raises(ValueError, match='unit = "uT"'):
+        calibrate_magnetometers(eqx.tree_at(lambda d: d.mag, found, 1e6 * still))
+
+
+def test_outputs_that_keep_no_magnitude_are_told_so(monkeypatch):
+    """Outputs of another sensor, after which the ellipsoid ran away: "the misfit is 1.6e+07 µT"."""
+    judged = Fit.judged
+
+    def ran_away(fit):
+        misfit, *rest = judged(fit)
+        return (np.full_like(misfit, 16.0), *rest)
+
+    monkeypatch.setattr(Fit, "judged", ran_away)
+    with pytest.raises(ValueError, match="no ellipsoid fits, for the outputs keep no magnitude"):
+        calibrate_magnetometers(rows(1, rests=0, moving=240))

@@ -1,5 +1,8 @@
 """Bags of ROS 1 and ROS 2 and MCAP, written by rosbags, become the same recording."""
 
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 
@@ -117,3 +120,36 @@ def test_missing_library_names_the_extra(tmp_path, monkeypatch):
     assert refusal(read_recordings, tmp_path / "a.bag") == (
         "a.bag: reading it needs the library rosbags: pip install 'inertiax[ros]'."
     )
+
+
+IMU_IN_A_FIELD = "std_msgs/Header header\nsensor_msgs/Imu imu\nstring raw"
+
+
+def test_an_imu_in_a_field_of_a_message_of_its_own_comes_out_by_the_command(tmp_path):
+    """VectorNav's drivers of many courses; `init` wrote a campaign that nothing could read, and ended with 0."""
+    from rosbags.rosbag1 import Writer
+    from rosbags.typesys import get_types_from_msg, get_typestore, Stores
+
+    store = get_typestore(Stores.ROS1_NOETIC)
+    store.register(get_types_from_msg(IMU_IN_A_FIELD, "vn_driver/msg/Vectornav"))
+    kinds = store.types
+    vector, header = kinds["geometry_msgs/msg/Vector3"], kinds["std_msgs/msg/Header"]
+    with Writer(tmp_path / "a.bag") as writer:
+        to = writer.add_connection("/imu", "vn_driver/msg/Vectornav", typestore=store)
+        for k in range(3):
+            top = header(k, kinds["builtin_interfaces/msg/Time"](100 + k, 5 * 10**8), "imu")
+            still = kinds["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.0, 1.0)
+            none = np.zeros(9)
+            imu = kinds["sensor_msgs/msg/Imu"](
+                top, still, none, vector(0.1, 0.2, 0.3 + k), none, vector(1.0, 2.0, 9.8), none
+            )
+            message = kinds["vn_driver/msg/Vectornav"](top, imu, "$VNYMR")
+            writer.write(to, k, store.serialize_ros1(message, "vn_driver/msg/Vectornav"))
+    with pytest.raises(ValueError, match="no topics of type sensor_msgs/Imu") as refused:
+        draft_campaign(tmp_path / "a.bag", tmp_path / "campaign")
+    command = str(refused.value).split("columns: python ")[1].removesuffix(".")
+    subprocess.run(f"{sys.executable} {command}", shell=True, check=True, cwd=tmp_path)
+    (recording,) = read_recordings(tmp_path / "imu.csv")
+    np.testing.assert_array_equal(recording.time, [100.5, 101.5, 102.5])
+    np.testing.assert_array_equal(recording.accel, np.tile([1.0, 2.0, 9.8], (3, 1)))
+    np.testing.assert_array_equal(recording.gyro[:, 2], [0.3, 1.3, 2.3])

@@ -29,6 +29,7 @@ from .results import MagnetometerResult
 
 
 LEAST_TURN = 10.0  # variance out of the plane over that of the misfit: less shortens an axis by a tenth and more
+_TURNED = 0.3  # of the magnitude: a device that moves its outputs by less has hardly been turned
 _UNKNOWN_NOISE = 1e-7  # T: equal weights where no sample says how noisy it is
 LEAST_CURRENT = (
     0.1  # A, span: over less no wire of a drone makes a field that shows (50 nT at 0.4 m)
@@ -66,7 +67,7 @@ def calibrate_magnetometers(
     own = solved(
         estimator, Constant(), rows, free_coefficients(names, (0, 0), turned=False), None, field
     )
-    _require_turned_about_two_axes(own)
+    _require_turned_about_two_axes(own, first)
     warnings: list[str] = []
     fit = in_frame(own, latitude, field, warnings, unsteady=unsteady)
     degrees, reason = choose_degrees(fit, degree)
@@ -83,8 +84,9 @@ def calibrate_magnetometers(
     return _result(fit, field is not None, reason, warnings)
 
 
-def _require_turned_about_two_axes(fit: Fit) -> None:
-    """Raise where what moves the field out of one plane is hardly more than the misfit.
+def _require_turned_about_two_axes(fit: Fit, size: float) -> None:
+    """Raise where what moves the field out of one plane is hardly more than the misfit, or where that is more than the
+    field's `size`, T.
 
     Noise in the regressor draws an ellipsoid towards the plane by the ratio of the two variances, and its standard
     deviations do not know of it (Fuller, Measurement Error Models, 1987, section 1.1).
@@ -92,6 +94,11 @@ def _require_turned_about_two_axes(fit: Fit) -> None:
     if not np.all(np.isfinite(fit.coefficients)):
         return
     misfit = float(np.sqrt(np.mean(np.square(fit.judged()[0]))))
+    if misfit > size:
+        raise ValueError(
+            "mag: no ellipsoid fits, for the outputs keep no magnitude as the device turns: look for a wrong unit, "
+            "columns of another sensor, or iron that moved."
+        )
     out_of_plane = float(np.sqrt(np.linalg.eigvalsh(np.cov(np.asarray(fit.rows.mag).T))[0]))
     if out_of_plane**2 < LEAST_TURN * misfit**2:
         raise ValueError(
@@ -110,10 +117,15 @@ def _first_field(rows: Dwells, field: float | None) -> float:
     size = float(np.median(np.linalg.norm(about, axis=1)))
     largest = float(np.median(np.linalg.norm(outputs, axis=1)))
     if largest > GREATEST_FIELD or not LEAST_EARTH_FIELD / 4.0 < size < 4.0 * GREATEST_EARTH_FIELD:
+        cure = "turn the device all ways"
+        if largest > GREATEST_FIELD:  # as outputs in no unit of [columns] are, which are read in T
+            likely = field_unit_guess(size if size > _TURNED * largest else largest)
+            cure += f', or say the unit: [columns] mag = {{ unit = "{likely}" }}'
+        elif not LEAST_EARTH_FIELD / 4.0 < largest < 4.0 * GREATEST_EARTH_FIELD:
+            cure += ", or mend the unit of [columns] mag"
         raise ValueError(
-            f"mag: the outputs move by {size:.3g} about their middle, and the Earth's field is "
-            f"{1e6 * LEAST_EARTH_FIELD:g} to {1e6 * GREATEST_EARTH_FIELD:g} uT; turn the device all ways, or say the "
-            f'unit: [columns] mag = {{ unit = "{field_unit_guess(max(size, 1e-12))}" }}.'
+            f"mag: the outputs move by {1e6 * size:.3g} uT about their middle, and the Earth's field is "
+            f"{1e6 * LEAST_EARTH_FIELD:g} to {1e6 * GREATEST_EARTH_FIELD:g} uT; {cure}."
         )
     return size if field is None else field
 

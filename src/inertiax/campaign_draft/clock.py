@@ -15,9 +15,11 @@ from .split_stamps import EPOCH, split_stamps
 
 UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 _LONG_UNITS = {"min": 60.0, "h": 3600.0, "d": 86400.0}  # where the file says them
-ALL_UNITS = UNITS | _LONG_UNITS
+_TENTH = "0.1 ms"  # of the 10 kHz clock of an Xsens MTi
+ALL_UNITS = UNITS | _LONG_UNITS | {_TENTH: 1e-4}
 _USUAL = (8.0, 2200.0)  # Hz, IMUs that people log
 _POSSIBLE = (0.5, 20000.0)  # Hz
+_SLOW = 20.0  # Hz: few IMUs are read as slowly, and those by a host, whose stamps are not equally far apart
 _WARMING = 1.0  # °C/s over a whole log: no chamber is as quick
 _STEPS = 0.2  # of the differences go back: what holds steps goes up and down
 _LONGEST_STEP = 50.0  # times the usual one
@@ -64,6 +66,9 @@ def clock_of(
         tenths = _tenths_of_ms(name, values)
         if tenths is not None:
             return _counted(tenths, rows, f"{name} of an MTi counts tenths of a millisecond", True)
+        if _in_tenths_of_ms(name, values):
+            why = f"{name} of an MTi counts tenths of a millisecond"
+            return _checked(name, _TENTH, ALL_UNITS[_TENTH] * (values - values[0]), why)
         steps = _steps(log, name, values)
         if steps is not None and rate is None:
             return steps
@@ -92,6 +97,20 @@ def _tenths_of_ms(name: str, values: Float[np.ndarray, " rows"]) -> float | None
         return None
     rate = 1e4 / float(steps[0]) if steps[0] > 0 else 0.0
     return rate if _USUAL[0] < rate < _USUAL[1] else None
+
+
+def _in_tenths_of_ms(name: str, values: Float[np.ndarray, " rows"]) -> bool:
+    """Whether stamps by the clock of an MTi lack rows; as those of a DOT, in µs, they would be no IMU's."""
+    usual = float(np.nanmedian(np.diff(values))) if len(values) > 1 else 0.0
+    if "sampletimefine" not in plain(name) or not usual > 0.0:
+        return False
+    return _USUAL[0] < 1e4 / usual < _USUAL[1] < 1e6 / usual
+
+
+def _may_be_tenths(values: Float[np.ndarray, " rows"], step: float) -> bool:
+    """Whether stamps that make a slow rate in ms are a device's own, whole steps apart, which may count tenths."""
+    apart = np.diff(values) / step
+    return bool(1e3 / step <= _SLOW and np.all(apart == np.round(apart)) and step == round(step))
 
 
 def _steps(log: RawLog, name: str, values: Float[np.ndarray, " rows"]) -> Clock | None:
@@ -175,7 +194,11 @@ def _unit(
     if chosen is not None and np.all(np.diff(values) == 1.0):
         return chosen, f"it goes up by one: {chosen}, if it does not count rows", False
     why = f"usual step is {step:.4g}" if _ANEW * step > mean else f"mean step is {mean:.4g}"
-    return chosen, f"the {why}, so an IMU's rate needs this unit", len(usual) == 1
+    why = f"the {why}, so an IMU's rate needs this unit"
+    if chosen == "ms" and _may_be_tenths(told, step):
+        why += f', if it counts no tenths of ms (Xsens MTi: unit = "{_TENTH}", {1e4 / step:.4g} Hz)'
+        return chosen, why, False
+    return chosen, why, len(usual) == 1
 
 
 def _too_fast(accel: Float[np.ndarray, "rows 3"], step: float) -> bool:

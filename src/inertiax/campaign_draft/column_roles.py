@@ -8,7 +8,15 @@ import numpy as np
 from jaxtyping import Float
 
 from .acceleration_parts import acceleration_parts, sole_gyros
-from .column_kinds import gyros_of_one_name, kind_of, STEADY, unsteadiness
+from .column_kinds import (
+    are_probes,
+    gravity_among_gyros,
+    gyros_of_one_name,
+    is_g_force,
+    kind_of,
+    STEADY,
+    unsteadiness,
+)
 from .column_numbers import (
     are_whole,
     date_columns,
@@ -20,7 +28,7 @@ from .column_numbers import (
     rises,
     varies,
 )
-from .column_triads import called, is_of_quaternion, of_one_six, triads_by_name
+from .column_triads import called, is_of_quaternion, is_one_array, of_one_six, triads_by_name
 from .column_words import (
     behind_owner,
     FILES,
@@ -45,7 +53,6 @@ _NEAR_GRAVITY = 1.0  # m/s²
 _NEAR_ONE_G = 0.2  # relative: raw biases and scales of consumer accelerometers stay within
 _NEAR_DATA_SHEET = 0.05  # relative, of counts per g
 _UNIT = 1e-3  # of a quaternion's norm, as it is printed
-
 
 WITH_GRAVITY = (
     "an acceleration from which an app has taken gravity tells nothing of accelerometers; take the one with gravity "
@@ -83,9 +90,7 @@ def roles_of(log: RawLog, only: str | None = None) -> Roles:
     Raises `ValueError` where no triad is found.
     """
     refuse_tagged_rows(log)
-    array = _is_one_array(log.names) or (
-        means("time", log.names[0]) and _is_one_array(log.names[1:])
-    )
+    array = is_one_array(log.names) or (means("time", log.names[0]) and is_one_array(log.names[1:]))
     named = log.has_header and log.format != "imu_tk" and not array
     sentence = vectornav(log)
     if sentence is not None:
@@ -112,18 +117,12 @@ def _cure(names: tuple[str, ...]) -> str:
     return "write campaign.toml by hand, with their names under [columns]"
 
 
-def _is_one_array(names: tuple[str, ...]) -> bool:
-    """Whether the columns are those of one array, as a MATLAB or HDF5 file holds it: numbered from 0, without names."""
-    first = names[0].removesuffix("_0") if names else ""
-    return len(names) > 3 and names == tuple(f"{first}_{k}" for k in range(len(names)))
-
-
 def _as_the_file_is_called(log: RawLog, roles: Roles) -> Roles:
     """A triad alone whose columns say nothing, by the name of its file, else by its numbers."""
     triad = roles.accel
     if triad is None or roles.gyro is not None or roles.mag is not None:
         return roles
-    array = _is_one_array(log.names)
+    array = is_one_array(log.names)
     if not array and any(means(k, log.hint(n)) for k in ("accel", "gyro", "mag") for n in triad):
         return _as_magnetometers(log, roles)
     called = plain(log.names[0] if array else log.path.stem)
@@ -172,9 +171,8 @@ def _by_name(log: RawLog) -> Roles:
     unnamed: list[tuple[str, str, str]] = []
     mags: list[tuple[str, str, str]] = []
     references: dict[str, tuple[str, str, str]] = {}
-    triads = [t for t in triads if not is_of_quaternion(log, t)]
-    of_axes = [t for t in triads if _are_probes(log, t)]
-    triads = [t for t in triads if t not in of_axes]
+    of_axes = [t for t in triads if not is_of_quaternion(log, t) and are_probes(log, t)]
+    triads = [t for t in triads if t not in of_axes and not is_of_quaternion(log, t)]
     sole = len(triads) == 1 and len(log.names) <= 4
     for triad in triads:
         first = called(triad)
@@ -206,11 +204,12 @@ def _by_name(log: RawLog) -> Roles:
     kinds["accel"] += by_norm[:1]
     array = [t for t in unnamed if by_norm and t not in by_norm and of_one_six(t, by_norm[0])]
     kinds["gyro"] += [] if kinds["gyro"] else array[:1]
-    kinds["accel"].sort(key=lambda t: means("no_gravity", called(t)))
+    kinds["accel"].sort(key=lambda t: (means("no_gravity", called(t)), not is_g_force(called(t))))
     for found in kinds.values():
         found.sort(key=lambda t: _reads_nothing(log, t))
     doubled = gyros_of_one_name(log, kinds)
-    notes = [
+    notes = gravity_among_gyros(log, kinds)
+    notes += [
         f"{t[0]}, {t[1]}, {t[2]}: taken for the gyros, because of those of this name it is the one without gravity"
         for t in doubled
     ]
@@ -255,13 +254,6 @@ def _by_name(log: RawLog) -> Roles:
             t for t in unnamed if t not in by_norm[:1] and all(n in log.numbers for n in t)
         ),
     )
-
-
-def _are_probes(log: RawLog, triad: tuple[str, str, str]) -> bool:
-    """Whether three columns are temperatures, one for each axis."""
-    first = called(triad)
-    kind = "mag" if means("mag", first) else kind_of(first, log.hint(triad[0]))
-    return kind is None and means("temperature", first)
 
 
 def _by_owner(

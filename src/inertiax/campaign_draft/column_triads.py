@@ -84,6 +84,12 @@ def of_one_six(one: tuple[str, str, str], other: tuple[str, str, str]) -> bool:
     return ends == list("012345") and len({n[:-1] for n in (*one, *other)}) == 1
 
 
+def is_one_array(names: tuple[str, ...]) -> bool:
+    """Whether the columns are those of one array, as a MATLAB or HDF5 file holds it: numbered from 0, without names."""
+    first = names[0].removesuffix("_0") if names else ""
+    return len(names) > 3 and names == tuple(f"{first}_{k}" for k in range(len(names)))
+
+
 def is_of_quaternion(log: RawLog, triad: tuple[str, str, str]) -> bool:
     """Whether three columns with one called w beside them have a norm of 1 together: an attitude."""
     place = _axis(triad)

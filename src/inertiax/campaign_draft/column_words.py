@@ -242,9 +242,10 @@ def symbol(name: str) -> Literal["accel", "gyro"] | None:
     """
     if not name.endswith("_x"):
         return None
-    words = _BETWEEN_WORDS.split(plain(name))
-    first = next((w for w in words if not _OWNER.match(w)), "")
-    return SYMBOLS.get(first)
+    words = [w for w in _BETWEEN_WORDS.split(plain(name)) if not _OWNER.match(w)]
+    # Of gFx, g-force, a capital begins a second word: its two letters are one symbol, which says more than the first.
+    pair = "".join(words[:2]) if len(words) > 2 and len(words[0]) == len(words[1]) == 1 else ""
+    return SYMBOLS.get(pair) or SYMBOLS.get(words[0] if words else "")
 
 
 def behind_owner(name: str) -> str:

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float
 
+from ..reduction.clipping import THRESHOLDS
 from ..reduction.gravity_turns import factors_between, GravityTurns
 from .accel_unit import TriadUnit
 from .column_words import RATE_UNITS, said
@@ -41,6 +42,14 @@ _QUIET_RAD = (
 )
 _BIAS_RAD = 0.35  # rad/s, 20 deg/s: no gyro's bias
 _BLOCK = 20  # rows
+_RANGES = (
+    125.0,
+    245.0,
+    250.0,
+    500.0,
+    1000.0,
+    2000.0,
+)  # deg/s, of MEMS gyros; counts of 16 bits end at 32767
 _FULL_SCALES = (
     16.0,  # BNO055
     16.384,
@@ -134,10 +143,22 @@ def gyro_unit(
         if of_unit is not None:
             return of_unit
         missing = f"the file says {told}, in which no gyro turns as fast; {missing}"
+    end = _end_of_range(values) if counts and told is None else None
+    if end is not None:
+        at = f"{end[1]} samples stand at {end[0]:g}, where a range in deg/s ends and no converter's counts do"
+        text = f"{at}; {missing}"
+        return TriadUnit("deg/s", None, None, None, DEGREE, text, turns is None)
     if counts and companion is not None and offset is None and told is None and not full_scale:
         scale = (companion.scale, "count per deg/s", None, DEGREE / companion.scale)
         return TriadUnit("count", *scale, f"{missing}; {companion.text}", False)
     return moving or _by_magnitude(values, counts, offset, missing, full_scale, shaken)
+
+
+def _end_of_range(values: Float[np.ndarray, "time 3"]) -> tuple[float, int] | None:
+    """The end of a usual range in deg/s that outputs are held at, and by how many samples; `None` where none are."""
+    end = float(np.abs(values).max())
+    held = int(np.sum(np.abs(values) == end))
+    return (end, held) if end in _RANGES and held >= THRESHOLDS.fewest else None
 
 
 def _whole_numbers(

@@ -10,6 +10,7 @@ from .clock import ALL_UNITS, Clock
 from .devices_in_rows import of_first_device
 from .raw_log import RawLog, read_logs
 from .raw_triads import columns, in_rows, RawTriads
+from .settings_rows import without_settings
 
 
 # Usual steps between two recordings: more than what ends a rest.
@@ -24,7 +25,8 @@ def alike(log: RawLog, others: Sequence[Path], device: str | None = None) -> tup
     wanted = {*log.stamps, *log.names}
     found = []
     for path in others:
-        held = read_logs(path)  # of several lengths those with the same columns
+        # Of several lengths those with the same columns
+        held = [without_settings(x) for x in read_logs(path)]
         found.append(next((x for x in held if wanted <= {*x.stamps, *x.names}), held[0]))
     for other in found:
         names = (*other.stamps, *other.names)

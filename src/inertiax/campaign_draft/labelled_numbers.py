@@ -4,6 +4,7 @@ columns of them under the names that the labels say."""
 import re
 import shlex
 from collections import Counter
+from collections.abc import Collection
 from pathlib import Path
 
 from ..data.formats.text_layout import TextLayout
@@ -12,6 +13,7 @@ from ..storage.harmless_text import short
 
 _LABELS = ("[A-Za-z][^,;=]*= *", "[A-Za-z][A-Za-z0-9_]*: *")  # before a number
 _NUMBER = "[-+]?[0-9.]+(?:[eE][-+]?[0-9]+)?"
+_UNIT = "[A-Za-z%°/]*"  # right behind a number, as in 12.3m
 _ROW = "^[-+0-9.eE,;:/_TZ[:space:]]+$"  # of numbers and stamps alone
 # Three numbers in brackets behind a label: `accel=(0.1, 0.2, 9.8)`.
 _GROUP = re.compile(rf"([A-Za-z]\w*) *[=:]? *\( *{_NUMBER} *[,;] *{_NUMBER} *[,;] *{_NUMBER} *\)")
@@ -23,24 +25,29 @@ _AXIS = re.compile(r"(.*[^A-Za-z])?([xyz])", re.IGNORECASE)
 
 
 def refuse_labels(
-    texts: dict[str, tuple[str, ...]], columns: list[str], layout: TextLayout, path: Path
+    texts: dict[str, tuple[str, ...]],
+    columns: list[str],
+    layout: TextLayout,
+    path: Path,
+    stamps: Collection[str] = (),
 ) -> None:
     """Raise `ValueError` where numbers stand behind labels in three columns or more.
 
-    **Arguments:** `texts` are first words of those of the `columns` that are text.
+    **Arguments:** `texts` are first words of those of the `columns` that are text; `stamps` are columns of dates
+    and times.
     """
     for label in _LABELS:
         begins = re.compile(rf"{label}[-+]?\.?\d")
         labelled = [w for w in texts.values() if sum(map(bool, map(begins.match, w))) == len(w)]
         if len(labelled) < len("xyz"):
             continue
-        whole = re.compile(rf"({label}){_NUMBER}")
+        whole = re.compile(rf"({label}){_NUMBER}({_UNIT})")
         told = [whole.fullmatch(w) for words in labelled for w in words]
-        script, names = f"s/{label}//g", ""
-        if None not in told:
-            names = _names(texts, columns, whole, layout.delimiter)
-            if names or layout.names is None:  # a status between the rows goes, too
-                script += f"; /{_ROW}/!d"
+        script = f"s/{label}//g"
+        names = _names(texts, columns, whole, layout.delimiter, stamps)
+        pure = all(m is not None and not m[2] for m in told)
+        if pure and (names or layout.names is None):  # a status between the rows goes, too
+            script += f"; /{_ROW}/!d"
         raise ValueError(
             f"{path.name}: numbers stand behind labels ('{short(labelled[0][0])}'); take those out: "
             + by_sed(script, path, names)
@@ -73,18 +80,30 @@ def by_sed(script: str, path: Path, names: str = "") -> str:
 
 
 def _names(
-    texts: dict[str, tuple[str, ...]], columns: list[str], whole: re.Pattern[str], delimiter: str
+    texts: dict[str, tuple[str, ...]],
+    columns: list[str],
+    whole: re.Pattern[str],
+    delimiter: str,
+    stamps: Collection[str],
 ) -> str:
     """The line of names that the labels say, of `Gyro X = 1, Y = 2` with the words before X; empty where columns have
-    several labels, or none but blanks are between them."""
+    several labels, or none but blanks are between them. A column of other text keeps its own, and stamps are the
+    time."""
     found, group = [], ""
     for column in columns:
         labels = {m[1].rstrip(" =:") for m in map(whole.fullmatch, texts.get(column, ())) if m}
         if len(labels) > 1:
             return ""
-        name = labels.pop() if labels else column
+        own = "time" if column in stamps else _said_before(texts.get(column, ())) or column
+        name = labels.pop() if labels else own
         axis = _AXIS.fullmatch(name)
         group = "" if axis is None else axis[1] or group
         found.append(name if axis is None else f"{group}{axis[2]}")
     plain = all(_IN_A_COMMAND.fullmatch(name) for name in found)
     return delimiter.join(found) if plain and delimiter != " " else ""
+
+
+def _said_before(words: tuple[str, ...]) -> str | None:
+    """The one label in front of words that are no numbers, as in `GPS: 3D_FIX`."""
+    labels = {w.partition(":")[0] if ":" in w else "" for w in words}
+    return labels.pop() or None if len(labels) == 1 else None

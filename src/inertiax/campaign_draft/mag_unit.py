@@ -90,10 +90,8 @@ def _counts(outputs: Float[np.ndarray, "time 3"]) -> FieldUnit | None:
     if len(read) < _LEAST_ROWS:
         return None
     about = read - _center(read)
-    size = np.linalg.norm(about, axis=1)
-    up = about / np.maximum(size, 1e-12)[:, None]
-    radius = float(np.median(size))
-    if not radius > 0.0 or np.linalg.eigvalsh(up.T @ up / len(up))[0] < _ALL_WAYS:
+    radius = float(np.median(np.linalg.norm(about, axis=1)))
+    if not radius > 0.0 or not turned_all_ways(about):
         return None
     why = (
         f"counts that move by {radius:.4g}; the scale makes {_USUAL_FIELD:g} uT of that: hard iron in counts and the "
@@ -132,6 +130,12 @@ def said_field_unit(hint: str, outputs: Float[np.ndarray, "time 3"]) -> str | No
     if unit is None or not _IRON > size * MAG_UNITS[unit] / GREATEST_EARTH_FIELD:
         return None
     return unit if size * MAG_UNITS[unit] > LEAST_EARTH_FIELD / _IRON else None
+
+
+def turned_all_ways(about: Float[np.ndarray, "row 3"]) -> bool:
+    """Whether outputs point in all directions from zero in the course of a log."""
+    up = about / np.maximum(np.linalg.norm(about, axis=1), 1e-12)[:, None]
+    return bool(np.linalg.eigvalsh(up.T @ up / len(up))[0] >= _ALL_WAYS)
 
 
 def about_center(read: Float[np.ndarray, "row 3"]) -> Float[np.ndarray, "row 3"]:

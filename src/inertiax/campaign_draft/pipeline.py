@@ -24,6 +24,7 @@ from .accel_unit import (
 from .bag_topics import topic_lines
 from .clock import counted
 from .column_roles import roles_of, WITH_GRAVITY
+from .column_words import FILES, plain
 from .companions import gyro_companion
 from .controller_log import correction_remarks
 from .converters import ACCEL_SCALES, middle, nearest, rounded, whole
@@ -34,7 +35,7 @@ from .gyros_by_turns import turns_between, with_gyros_by_turns
 from .increments import as_rates, of_increments
 from .joined_logs import alike, followed_by
 from .mag_line import magnetometers
-from .mag_unit import about_center
+from .mag_unit import about_center, turned_all_ways
 from .novatel_counts import of_novatel
 from .raw_log import read_log
 from .raw_triads import columns, RawTriads, read_triads
@@ -60,6 +61,7 @@ from .upright_rate import upright_rate, UprightRate
 
 _TABLES = ("csv", "imu_tk", "parquet", "hdf5", "matlab")
 _POSES_OF_A_CALIBRATION = 9  # three biases and six elements of a triangular matrix
+_POSES_OF_A_SPHERE = 6  # below them the scale rests on no sphere (`accel_unit.sphere`)
 _ENOUGH = 1000  # samples tell where the middle of the outputs is
 
 
@@ -253,12 +255,8 @@ def _columns(
         unit = unit if told_by_counts is None else told_by_counts[0]
         units["accel"] = unit
         lines.append(_triad("accel", found.roles.accel if named else None, unit))
-        if (
-            found.gyro is None
-            and not named
-            and unit.unit == "count"
-            and not (unit.scale in ACCEL_SCALES and whole(found.accel))
-        ):
+        called = FILES["accel"].search(plain(found.log.path.stem))
+        if found.gyro is None and not (named or called) and _or_a_field(found.accel, rests, unit):
             remarks.append(_OR_A_FIELD)
     if found.gyro is not None:
         moving, range_ = _in_motion(found), found.log.stated_range
@@ -296,7 +294,7 @@ def _columns(
         remarks = [*_on_poses(found, rests, references=angles is not None, about=about), *remarks]
     if found.roles.temperature is not None:
         name = found.roles.temperature
-        told = temperature_unit(found.log, name)
+        told = temperature_unit(found.log, name, of_chip=_by_data_sheet(units.get("accel")))
         if told.unit is None:
             remarks.append(f"{CHECK} temperature: {told.why}; it is left out")
         else:
@@ -343,6 +341,20 @@ def _model(found: RawTriads, rests: Resting) -> Table:
 def _poses(accel: Float[np.ndarray, "time 3"], rests: Resting) -> int:
     assert rests.accel is not None
     return poses(directions(accel, rests.accel))
+
+
+def _by_data_sheet(accel: TriadUnit | None) -> bool:
+    return accel is not None and accel.unit == "count" and accel.scale in ACCEL_SCALES
+
+
+def _or_a_field(accel: Float[np.ndarray, "time 3"], rests: Resting, unit: TriadUnit) -> bool:
+    """Whether counts without a name may be a magnetometer's: a data sheet's scale tells accelerometers, if it is read
+    in rests. In a device that turns all ways and rests in no poses a field is as steady, of whatever counts."""
+    if unit.unit != "count":
+        return False
+    of_a_sheet = unit.scale in ACCEL_SCALES and whole(accel)
+    laid_down = not rests.slowly and _poses(accel, rests) >= _POSES_OF_A_SPHERE
+    return not of_a_sheet or (not laid_down and turned_all_ways(accel))
 
 
 # Of counts without names neither size nor sphere tells gravity from the Earth's field.

@@ -188,7 +188,7 @@ def _from_table(
                     ranks = column.str.strip_chars().rank("dense").cast(pl.Float64)
                     labels[column.name] = ranks.fill_null(0.0).to_numpy()
     if len(numbers) < len("xyz") and layout is not None:
-        refuse_labels(texts, body.columns, layout, path)
+        refuse_labels(texts, body.columns, layout, path, stamps)
     if not numbers:
         raise ValueError(f"{path.name}: no column of numbers in it; a log of an IMU is needed.")
     return RawLog(path, format_name, layout, numbers, stamps, words, unit_rows, texts, labels)

@@ -13,6 +13,7 @@ from .clock import ALL_UNITS, Clock, clock_of
 from .column_roles import Roles, roles_of
 from .devices_in_rows import of_first_device, with_devices
 from .raw_log import as_text, RawLog, read_log, read_logs, unnamed
+from .settings_rows import without_settings
 from .vectornav import vectornav
 
 
@@ -82,7 +83,7 @@ def _with_a_triad(path: Path) -> RawLog:
     """
     first, *others = read_logs(path)
     if not others:
-        return first
+        return without_settings(first)
     refused, taken, further = None, None, []
     for log in (first, *others):
         try:

@@ -49,7 +49,8 @@ def recordings_table(
         names = given_names(found.gyro_log, found.gyro_roles)
         lines += [] if names is None else [Line("gyro_names", list(names))]
     if log.unit_rows:
-        lines.append(Line("start_row", log.unit_rows, "rows of units below the header"))
+        why = "rows of units below the header" if log.has_header else "rows of settings"
+        lines.append(Line("start_row", log.unit_rows, why))
     return Table("recordings", tuple(lines))
 
 

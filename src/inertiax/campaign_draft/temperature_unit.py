@@ -14,6 +14,7 @@ from .scale_notes import temperature_note
 
 _CELSIUS = (-60.0, 130.0)  # what electronics bears
 _KELVIN = (210.0, 405.0)
+_NEARLY_ALL = (0.005, 0.995)  # of the rows; a few may be a sensor's that was not ready
 _ROOM = (10.0, 55.0)  # °C, a board at work in a room
 _TENTHS = re.compile(
     r"^(?:imu|baro|esc)temperature$"
@@ -57,14 +58,18 @@ class TemperatureUnit(NamedTuple):
         return value
 
 
-def temperature_unit(log: RawLog, name: str) -> TemperatureUnit:
-    """Unit of a temperature column."""
+def temperature_unit(log: RawLog, name: str, *, of_chip: bool = False) -> TemperatureUnit:
+    """Unit of a temperature column.
+
+    **Arguments:** `of_chip` says that the accelerometers beside it are counts by a data sheet as well; counts alone may
+    be any converter's.
+    """
     values: Float[np.ndarray, " rows"] = log.numbers[name]
     told = np.isfinite(values)
     if not told.all():
         if told.sum() < 2:
             return TemperatureUnit(None, None, None, f"{name} holds no two numbers", False)
-        unit = temperature_unit(log._replace(numbers={name: values[told]}), name)
+        unit = temperature_unit(log._replace(numbers={name: values[told]}), name, of_chip=of_chip)
         text = f"{unit.why}; {told.sum()} of {len(told)} rows hold it, with straight lines between"
         return unit._replace(why=text)
     low, high = float(values.min()), float(values.max())
@@ -114,7 +119,13 @@ def temperature_unit(log: RawLog, name: str) -> TemperatureUnit:
     if _KELVIN[0] <= low and high <= _KELVIN[1]:
         return TemperatureUnit("K", None, None, span, True)
     middle = float(np.median(values))
-    fits = [s for s in TEMPERATURE_SCALES if _ROOM[0] <= middle / s[0] + s[1] <= _ROOM[1]]
+    ends = np.quantile(values, _NEARLY_ALL)
+    fits = [
+        (scale, zero, sensor)
+        for scale, zero, sensor in TEMPERATURE_SCALES
+        if _ROOM[0] <= middle / scale + zero <= _ROOM[1]
+        and _CELSIUS[0] <= ends[0] / scale + zero <= ends[1] / scale + zero <= _CELSIUS[1]
+    ]
     scale = None if note is None else note.scale
     known = scale is None or any(abs(scale / s[0] - 1.0) < _SAME for s in TEMPERATURE_SCALES)
     if scale is not None and not known:
@@ -132,7 +143,11 @@ def temperature_unit(log: RawLog, name: str) -> TemperatureUnit:
         scale, zero, sensor = (named or fits)[0]
         text = f"counts {span}; by the data sheet of {sensor} {middle / scale + zero:.1f} degC at the median"
         return TemperatureUnit(
-            "count", scale, round(-zero * scale, 1), text, len(named or fits) == 1
+            "count",
+            scale,
+            round(-zero * scale, 1),
+            text,
+            len(named or (fits if of_chip else ())) == 1,
         )
     return TemperatureUnit(
         None, None, None, f"{name} reads {span}, which is no temperature in degC, K or degF", False

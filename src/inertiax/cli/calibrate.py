@@ -175,7 +175,8 @@ def tell_results(
             table = result.accel is not None and result.accel.estimator.by_reference
             if result is done[-1]:
                 say_what_is_open(campaign)
-            console.say(after_calibrate(quality, campaign, own, table=table))
+            triads = result.accel is not None or result.gyro is not None
+            console.say(after_calibrate(quality, campaign, own, table=table, triads=triads))
 
 
 def command_line() -> str:

@@ -125,6 +125,10 @@ def init(
             console.say(console.one_line(after_init(folder, checks=bool(draft.untold))))
     if problem is not None:
         console.warn(f"the campaign is written, but: {problem}")
+        if all(table.name != "columns" for table in draft.tables):
+            raise typer.Exit(
+                1
+            )  # a format that names its columns itself: no line of the file mends it
 
 
 def _read_back(load, file: Path) -> tuple:

@@ -39,8 +39,11 @@ def say_what_is_open(campaign: Path) -> None:
         )
 
 
-def after_calibrate(quality: "Quality", campaign: Path, output: Path, *, table: bool) -> str:
-    """By what `is it good?` says; a station also wants a protocol."""
+def after_calibrate(
+    quality: "Quality", campaign: Path, output: Path, *, table: bool, triads: bool = True
+) -> str:
+    """By what `is it good?` says; a station also wants a protocol. A diagnosis is of accelerometers and gyros: without
+    these `triads` there is none."""
     if any(f.topic == "one_attitude" for f in quality.findings):
         return (
             "next: inertiax init and inertiax calibrate of each log into a folder of its own, then inertiax export "
@@ -51,7 +54,7 @@ def after_calibrate(quality: "Quality", campaign: Path, output: Path, *, table: 
         return _again_with(asked, campaign, output)
     if quality.verdict == "doubtful":
         return f"next: inertiax check {_path(campaign)}"
-    if any(f.topic == "misfit" and not f.fine for f in quality.findings):
+    if triads and any(f.topic == "misfit" and not f.fine for f in quality.findings):
         return f"next: inertiax diagnose {_path(campaign)} -o DIAGNOSIS"
     return f"next: {_compensate(campaign, output)}{_sign(output) if table else ''}"
 

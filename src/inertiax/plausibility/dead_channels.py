@@ -12,6 +12,7 @@ from .thresholds import Thresholds
 _FEWEST_ROWS = 100
 # Different values from which a channel lives: one that stands still in coarse steps shows a few.
 _LIVES = 50
+_WAY = 20  # rows in which a channel shows how it goes
 _HELD = 0.1  # of a log; shorter freezes are matters of single rows
 
 
@@ -107,7 +108,7 @@ def _held_rows(
     if rows < max(_HELD * len(x), _FEWEST_ROWS) or rows * log.step < limits.frozen:
         return None
     never = rows == len(x)
-    if not never and _ends_range(x, x[start], rows):
+    if not never and (_ends_range(x, x[start], rows) or _runs_into_end(x, start, rows)):
         return None
     if not never and not lives(np.delete(x, np.s_[start : start + rows])):
         return None
@@ -120,6 +121,17 @@ def _ends_range(x: Float[np.ndarray, " time"], value: float, rows: int) -> bool:
     `check_saturation` tells. A channel that died holds a value that is one of many before or behind."""
     extreme = value in (x.max(), x.min())
     return bool(extreme and np.count_nonzero(x == value) - rows >= _FEWEST_ROWS)
+
+
+def _runs_into_end(x: Float[np.ndarray, " time"], start: int, rows: int) -> bool:
+    """Whether a channel holds its extreme, went there by steps as it goes and comes back by such: it was driven beyond
+    the end of its range once. One that died leaves what it held with a jump, and seldom holds its extreme."""
+    value, stop = x[start], start + rows
+    if value not in (x.max(), x.min()) or start < _WAY or stop + _WAY > len(x):
+        return False
+    before, after = x[start - _WAY : start], x[stop : stop + _WAY]
+    on_its_way = abs(before[-1] - value) <= np.ptp(before), abs(after[0] - value) <= np.ptp(after)
+    return all(on_its_way)
 
 
 def lives(x: Float[np.ndarray, " time"]) -> bool:

@@ -20,6 +20,7 @@ from .turntable import Turntable
 AXES = ("x", "y", "z")
 TIME_UNITS = {
     "s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0, "d": 86400.0,
+    "0.1 ms": 1e-4,  # the clock of an Xsens MTi
 }  # fmt: skip
 ACCEL_UNITS = {
     "m/s^2": 1.0, "m/s2": 1.0, "m/s²": 1.0, "g": 9.80665, "mg": 9.80665e-3, "cm/s^2": 1e-2, "mm/s^2": 1e-3,

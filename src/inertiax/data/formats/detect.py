@@ -5,7 +5,7 @@ from pathlib import Path
 from types import ModuleType
 
 from ..recording import Recording
-from . import csv, dataflash, euroc, hdf5, imu_tk, imucal, matlab, parquet, ros, ulog
+from . import csv, dataflash, euroc, hdf5, imu_tk, imucal, json_cure, matlab, parquet, ros, ulog
 from .columns import AS_FOUND, CANONICAL, ColumnMap, Layout
 from .temperature_at_stamps import with_temperatures
 
@@ -113,10 +113,11 @@ def detect(path: Path) -> ModuleType:
         )
     if _JSON.match(head):
         lines = re.search(rb"\}\s*\n\s*\{", head) is not None
-        read = "polars.read_ndjson({})" if lines else "polars.DataFrame(json.load(open({})))"
+        raise ValueError(f"{path.name}: it is JSON; {json_cure.cure(path, lines=lines)}.")
+    if head.startswith(_GENEACTIV):
         raise ValueError(
-            f'{path.name}: it is JSON; write its columns as text: python -c "import json, polars; '
-            f"{read.format(repr(path.name))}.write_csv('log.csv')\""
+            f"{path.name}: it is GENEActiv's own format; write it as CSV (its PC software: Data Analysis, or R: "
+            f"write.csv(GENEAread::read.bin('{path.name}')$data.out, 'log.csv')) and give that."
         )
     by_suffix = [m for m in FORMATS if path.suffix.lower() in m.SUFFIXES]
     for magic, module, words in _MAGIC:
@@ -125,6 +126,8 @@ def detect(path: Path) -> ModuleType:
                 raise ValueError(_contradiction(path, by_suffix[0], module, words))
             return module
     if by_suffix:
+        if by_suffix[0] is dataflash and _is_text(head):
+            return csv
         # Parquet is told by its first bytes and no others.
         if by_suffix[0] is parquet and head.strip():
             raise ValueError(f"{path.name}: not a Parquet file: it does not begin with PAR1.")
@@ -155,6 +158,7 @@ _JSON = re.compile(
     rb"(?:\xef\xbb\xbf)?\s*[\[{]\s*[\"\[{]"
 )  # not the `[name]` of settings above a table
 _POINTER = b"version https://git-lfs.github.com/spec/"
+_GENEACTIV = b"Device Identity"  # the first line of its files
 _SPREADSHEETS = (".xlsx", ".xlsm", ".xls", ".ods")
 _PACKED = (b"\x1f\x8b", b"PK\x03\x04", b"BZh", b"\xfd7zXZ", b"7z\xbc\xaf", b"\x28\xb5\x2f\xfd")
 # Of binary files that other programs write as text.
@@ -162,6 +166,9 @@ _CURES = {
     ".npy": "it is a NumPy array; write its columns as text: numpy.savetxt('log.csv', array, delimiter=',')",
     ".npz": "it holds NumPy arrays; write the columns as text: numpy.savetxt('log.csv', columns, delimiter=',')",
     ".cwa": "it is Axivity's own format; export it as CSV (OmGui: Export, Raw CSV) and give that",
+    ".gt3x": "it is ActiGraph's own format; export it as CSV (ActiLife: Raw), or with the package pygt3x: "
+    "python -c \"from pygt3x.reader import FileReader; FileReader('log.gt3x').__enter__().to_pandas()"
+    ".to_csv('log.csv')\"",
     ".tdms": 'it is a TDMS file; write its channels as text: python -c "import nptdms; '
     "nptdms.TdmsFile.read('log.tdms').as_dataframe().to_csv('log.csv')\"",
     ".mf4": 'it is an MDF file; write its channels as text: python -c "import asammdf; '

@@ -11,6 +11,7 @@ Only these two message types are decoded, by the library's own definitions and n
 import contextlib
 import functools
 import importlib
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -31,6 +32,17 @@ SUFFIXES = (".bag", ".mcap", ".db3")
 KEYS = ("topic", "temperature_topic")
 MAGICS = (b"#ROSBAG V2.0", b"\x89MCAP0\r\n", b"SQLite format 3\0")
 _IMU, _TEMPERATURE = "sensor_msgs/msg/Imu", "sensor_msgs/msg/Temperature"
+_IN_A_COMMAND = re.compile(r"[\w ./-]+")  # what needs no care between quotes
+# The IMU's message in a field of one of its own type, as columns.
+_COMMAND = (
+    "; write the field '{field}' of {topic} as columns: "
+    'python -c "from pathlib import Path; from rosbags.highlevel import AnyReader; '
+    "r = AnyReader([Path('{bag}')]); r.open(); print('time,accel_x,accel_y,accel_z,gyro_x,gyro_y,gyro_z'); "
+    "[print(m.header.stamp.sec + m.header.stamp.nanosec / 1e9, "
+    "*(getattr(v, a) for v in (m.linear_acceleration, m.angular_velocity) for a in 'xyz'), sep=',') "
+    "for c, t, raw in r.messages([c for c in r.connections if c.topic == '{topic}']) "
+    'for m in [r.deserialize(raw, c.msgtype).{field}]]" > imu.csv'
+)
 
 
 def is_bag(folder: Path) -> bool:
@@ -53,9 +65,11 @@ def read(path: Path, columns: ColumnMap, layout: Layout = AS_FOUND) -> tuple[Rec
 
 
 def topics(path: Path) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Names of a bag's topics of IMUs and of temperatures. Raises `ValueError` where it cannot be read."""
+    """Names of a bag's topics of IMUs and of temperatures. Raises `ValueError` where it is damaged or has no IMU."""
     with _opened(path) as (reader, _):
         imus, probes = (_topics(reader, kind) for kind in (_IMU, _TEMPERATURE))
+        if not imus:
+            _topic(reader, None, _IMU, "topic", path.name)
         return tuple(imus), tuple(probes)
 
 
@@ -106,7 +120,7 @@ def _topic(reader, asked: str | None, kind: str, key: str, where: str) -> str:
                 + (
                     f" ({', '.join(shown(found))}); choose one with [recordings] {key}."
                     if found
-                    else f"; the bag has {_all(reader)}."
+                    else f"; the bag has {_all(reader)}{_cure(reader, kind, where)}."
                 )
             )
         return found[0]
@@ -116,6 +130,25 @@ def _topic(reader, asked: str | None, kind: str, key: str, where: str) -> str:
             f"{shown(found) or _all(reader)}."
         )
     return asked
+
+
+def _cure(reader, kind: str, where: str) -> str:
+    """How messages of a type of its own that hold an IMU's come into columns: by the definition in the bag, which the
+    user's command follows and this reader does not."""
+    if kind != _IMU:
+        return ""
+    for connection in reader.connections:
+        definition = str(getattr(connection.msgdef, "data", "")).partition("\n====")[0]
+        field = re.search(
+            r"^\s*sensor_msgs/(?:msg/)?Imu\s+(\w+)\s*(?:#|$)", definition, re.MULTILINE
+        )
+        if field is not None and _IN_A_COMMAND.fullmatch(f"{where}{connection.topic}"):
+            return _COMMAND.format(field=field[1], topic=connection.topic, bag=where)
+    if all(c.msgtype in _types(True).fielddefs for c in reader.connections):
+        return ""  # no type of its own, in which an IMU's could be
+    return (
+        "; write accelerations (m/s^2) and rates (rad/s) as text: time, accel_x to _z, gyro_x to _z"
+    )
 
 
 def _all(reader) -> list[str]:

@@ -3,7 +3,8 @@
 The first lines decide. The data are the lines that share the greatest number of fields; what stands above them
 without as many fields is a preamble (settings of a logger, `sep=,`, comments). Comment lines start with `#`, `%` or
 `//`; a comment with as many names as the data have fields is the header (EuRoC's `#timestamp [ns],...`, `%time,...`
-of `rostopic echo -p`). Names that stand twice in their line are told apart by the line of groups above it. Rows may
+of `rostopic echo -p`). A line that names all columns but one is the header, too (`unnamed_column`). Names that stand
+twice in their line are told apart by the line of groups above it. Rows may
 end with a delimiter: an empty last field is no column.
 """
 
@@ -18,6 +19,7 @@ from ...storage.harmless_text import short
 from .code_pages import code_page
 from .columns import shown
 from .time_stamps import is_stamp
+from .unnamed_column import names_axes, with_unnamed
 
 
 COMMENTS = ("#", "%", "//")
@@ -86,7 +88,32 @@ def find_layout(data: bytes, where: str, header_line: int | None = None) -> Text
     preamble = tuple(x.text for x in lines if x.number < above)
     rows = [split[x.number] for x in data_lines]
     filled = width - _empty_ends([r for r in rows if len(r) == width])
+    short = _one_short(names, number, [x for x in lines if x.number < top], delimiter, filled)
+    if short is not None:
+        named, number = short
+        data_rows = [r[:filled] for r in rows if len(r) == width]
+        names = with_unnamed(named, data_rows, number, where)
+        preamble = tuple(x.text for x in lines if x.number < number)
     return TextLayout(delimiter, names, number, start, filled, preamble, page)
+
+
+def _one_short(
+    names: tuple[str, ...] | None,
+    number: int | None,
+    above: list[_Line],
+    delimiter: str,
+    width: int,
+) -> tuple[tuple[str, ...], int] | None:
+    """The line that names all columns but one, and its number; `None` where there is none: the line that the campaign
+    says, else the last one above the data if it names axes."""
+    if names is None and above:
+        line = above[-1]
+        names, number = _named(fields(line.text.lstrip("#%/ "), delimiter)), line.number
+        if any(map(is_value, names)) or not _are_names(list(names)) or not names_axes(names):
+            return None
+    if names is None or number is None or len(names) != width - 1:
+        return None
+    return names, number
 
 
 def _is_remark(row: list[str], width: int) -> bool:
