@@ -75,6 +75,8 @@ def accel_unit(values: Float[np.ndarray, "time 3"], rests: Resting, hint: str = 
     what = f"|a| is {radius:.4g} at rest ({rests.num_rests} rest{'s' * (rests.num_rests > 1)})"
     if rests.slowly:
         what = f"|a| is {radius:.4g} in {rests.num_rests} stretches in which it hardly turns"
+    if rests.turned:
+        what = f"|a| is {radius:.4g} on average; {NO_RESTS}"
     samples = float(np.median(np.linalg.norm(values - center, axis=1)))
     if not fitted and radius < _TURNING * samples:
         radius = samples
