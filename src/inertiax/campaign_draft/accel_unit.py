@@ -19,6 +19,7 @@ NO_RESTS = "no rests were found"
 _FAR = (
     2.0  # by which a bias or a scale may be off where the file, or its numbers, leave no other unit
 )
+_ONE_POSE = 1.12  # of gravity, or gravity of it: 80 mg and 3 %, by which no sheet's part is off
 _BIAS = 0.1  # g: what reads 1 g in one pose may be off by so much, and a part of 1024 counts be one of 981
 _SCALE = 0.015  # relative: what a sphere through poses leaves, an error of scale
 _POSES_OF_A_SPHERE = 6  # four unknowns, and something to spare
@@ -85,6 +86,11 @@ def accel_unit(values: Float[np.ndarray, "time 3"], rests: Resting, hint: str = 
     if not fitted and unit_of(calm) is not None and unit_of(radius) is None:
         radius = calm
         what = f"|a| is {radius:.4g} in the rows that move least; {NO_RESTS}"
+    unit = None if whole(values) else unit_of(radius)
+    if unit is not None and not rests.turned and poses(directions(values, rests.accel)) == 1:
+        off = radius / _UNITS[unit]
+        if max(off, 1.0 / off) > _ONE_POSE:
+            what += f", {off:.3g} of gravity: a bias, a scale or the unit is off, and one pose cannot tell which"
     offset = _offset(center, radius, fitted)
     stated = stated_force_scale(hint)
     if stated is not None and abs(radius * stated.factor / G - 1.0) < _NEAR:
