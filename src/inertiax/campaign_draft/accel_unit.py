@@ -16,6 +16,7 @@ _NEAR = 0.2  # of gravity: raw biases and scales of consumer sensors stay within
 _UNITS = {"m/s^2": G, "g": 1.0, "mg": 1000.0, "mm/s^2": 1000.0 * G}
 _SAID = {**_UNITS, "cm/s^2": 100.0 * G}
 NO_RESTS = "no rests were found"
+OFF_GRAVITY = "where the accelerometers alone are quiet it is"
 _FAR = (
     2.0  # by which a bias or a scale may be off where the file, or its numbers, leave no other unit
 )
@@ -84,8 +85,9 @@ def accel_unit(values: Float[np.ndarray, "time 3"], rests: Resting, hint: str = 
         what = f"|a| is {radius:.4g} in half of the samples; {NO_RESTS}"
     calm = calm_norm(values)
     if not fitted and unit_of(calm) is not None and unit_of(radius) is None:
+        what = f"|a| is {calm:.4g} in the rows that move least"
+        what += f"; {NO_RESTS}" if rests.turned else f"; {OFF_GRAVITY} {radius:.4g}"
         radius = calm
-        what = f"|a| is {radius:.4g} in the rows that move least; {NO_RESTS}"
     unit = None if whole(values) else unit_of(radius)
     if unit is not None and not rests.turned and poses(directions(values, rests.accel)) == 1:
         off = radius / _UNITS[unit]
