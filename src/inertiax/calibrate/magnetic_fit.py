@@ -13,6 +13,7 @@ from ..physics.temperature import AbstractBasis
 from ..procedure.single_device import Problem
 from ..reduction.dwells import Dwells
 from .between_dwell_variance import with_scatter
+from .magnetic_halves import spread_of_halves
 from .magnetic_memory import FEWEST, Memory, memory_of, Worth
 from .observability import judge_normal
 
@@ -94,15 +95,20 @@ class Fit(NamedTuple):
         return rows / math.sqrt(max(taken, 1e-300)), taken
 
     def covariance(self) -> Float[np.ndarray, "unknowns unknowns"]:
-        """P (JᵀJ of the rests + JᵀR J / τ of the samples in motion) P, P = (JᵀJ)⁻¹; zero for what is not free."""
+        """P (JᵀJ of the rests + JᵀR J / τ of the samples in motion) P, P = (JᵀJ)⁻¹; zero for what is not free.
+
+        Where the two halves of the samples differ, with what that adds (`spread_of_halves`).
+        """
         designs = self._design()
         bread = self._normal_inverse(designs)
         rests, moving = designs
         alike = float(np.asarray(self.estimator.alike))
         filling = rests.T @ rests + moving.T @ self.memory.applied(moving) / alike
+        left = self.problem.at(self.coefficients).residual[self.moving, 0]
+        halves = spread_of_halves(moving, left, self.memory, alike)
         size, own = self.free.size, np.flatnonzero(self.free.ravel())
         spread = np.zeros((size, size))
-        spread[np.ix_(own, own)] = bread @ filling @ bread
+        spread[np.ix_(own, own)] = bread @ filling @ bread + halves
         return spread
 
     def judged(self) -> tuple[Float[np.ndarray, "row 1"], Float[np.ndarray, "row 1"]]:
