@@ -46,7 +46,7 @@ def moving(recording: Recording, step: float, width: int) -> Moving | None:
     if width < 2 * size or (recording.accel is None and recording.gyro is None):
         return None
     accel, gyro = recording.accel, recording.gyro
-    limits, calm, found = [], [], []
+    limits, calm, found, gravity = [], [], [], 0.0
     if accel is not None:
         gravity = float(np.median(np.linalg.norm(accel, axis=1)))
         limits.append(_FORCE * gravity)
