@@ -72,6 +72,24 @@ def test_a_zero_that_jumps_less_than_by_g_sensitivity_is_told(jump, found):
     )  # 3 sigma of two rests
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_slow_turns_in_rests_by_hand_are_no_jump(seed):
+    """All lie in one pose but for two, where a hand turns on by degrees a second: no zero and no g-sensitivity."""
+    rng = np.random.default_rng(seed)
+    force, rate, position = [], [], []
+    for k in range(20):
+        by_hand = k in (3, 16)
+        up = np.array([3.0, 4.0, -8.5]) if by_hand else [8.8, 1.2 * (k > 8), 4.0]
+        decay = np.exp(-np.arange(150) / 40.0)
+        turn = np.outer(decay, np.radians([9.0, 3.0, -6.0 if k == 3 else 8.0])) * by_hand
+        force.append(np.array(up) + 0.05 * rng.normal(size=(150, 3)))
+        rate.append(np.radians([-1.2, -0.8, 0.3]) + turn + 0.005 * rng.normal(size=(150, 3)))
+        position += 150 * [k]
+    columns = {"accel": np.concatenate(force), "gyro": np.concatenate(rate)}
+    columns |= {"time": np.arange(3000) / 50.0, "position": np.array(position)}
+    assert not [f for f in findings(columns) if f.kind == "restart"]
+
+
 def only(columns: dict[str, np.ndarray], kind: str, severity: str = "error") -> Finding:
     found = [f for f in findings(columns) if f.kind == kind]
     assert found and found[0].severity == severity, findings(columns)

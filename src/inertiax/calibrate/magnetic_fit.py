@@ -1,5 +1,6 @@
 """Least squares of the magnetometers over some of their coefficients, with its weights settled."""
 
+import dataclasses
 import math
 from typing import NamedTuple
 
@@ -13,11 +14,13 @@ from ..physics.temperature import AbstractBasis
 from ..procedure.single_device import Problem
 from ..reduction.dwells import Dwells
 from .between_dwell_variance import with_scatter
+from .magnetic_halves import spread_of_halves
 from .magnetic_memory import FEWEST, Memory, memory_of, Worth
 from .observability import judge_normal
 
 
 _PASSES = 12  # over weights, scatter and the conventional field: each changes the answer ever less
+_MOST_UNLIKE = 3.0  # of semi-axes: soft iron is some tenths (convention)
 _SETTLED = 1e-4  # of weights, relative: below what any data tell of a variance
 
 
@@ -94,15 +97,20 @@ class Fit(NamedTuple):
         return rows / math.sqrt(max(taken, 1e-300)), taken
 
     def covariance(self) -> Float[np.ndarray, "unknowns unknowns"]:
-        """P (JᵀJ of the rests + JᵀR J / τ of the samples in motion) P, P = (JᵀJ)⁻¹; zero for what is not free."""
+        """P (JᵀJ of the rests + JᵀR J / τ of the samples in motion) P, P = (JᵀJ)⁻¹; zero for what is not free.
+
+        Where the two halves of the samples differ, with what that adds (`spread_of_halves`).
+        """
         designs = self._design()
         bread = self._normal_inverse(designs)
         rests, moving = designs
         alike = float(np.asarray(self.estimator.alike))
         filling = rests.T @ rests + moving.T @ self.memory.applied(moving) / alike
+        left = self.problem.at(self.coefficients).residual[self.moving, 0]
+        halves = spread_of_halves(moving, left, self.memory, alike)
         size, own = self.free.size, np.flatnonzero(self.free.ravel())
         spread = np.zeros((size, size))
-        spread[np.ix_(own, own)] = bread @ filling @ bread
+        spread[np.ix_(own, own)] = bread @ filling @ bread + halves
         return spread
 
     def judged(self) -> tuple[Float[np.ndarray, "row 1"], Float[np.ndarray, "row 1"]]:
@@ -120,7 +128,34 @@ def solved(
     start: Float[np.ndarray, "size parameter"] | None,
     field: float | None,
 ) -> Fit:
-    """Least squares over the free coefficients; raises `ValueError` where they are not determined."""
+    """Least squares over the free coefficients; raises `ValueError` where they are not determined.
+
+    Where r₁ leads to no answer, by the distance from the ellipsoid, if that leads to one whose axes are alike.
+    """
+    fit = _settled(estimator, basis, rows, free, start, field)
+    if fit.converged or estimator.by_distance:
+        return fit
+    other = _settled(
+        dataclasses.replace(estimator, by_distance=True), basis, rows, free, start, field
+    )
+    return other if other.converged and _axes_alike(other) else fit
+
+
+def _axes_alike(fit: Fit) -> bool:
+    """Whether no axis is much longer than another: an ellipsoid through outputs that do not go round it is."""
+    middle = 0.5 * (fit.problem.phi.min(axis=0) + fit.problem.phi.max(axis=0))
+    matrix = np.eye(3) + (middle @ fit.coefficients)[3:12].reshape(3, 3)
+    return bool(np.linalg.cond(matrix) < _MOST_UNLIKE)
+
+
+def _settled(
+    estimator: MagneticField,
+    basis: AbstractBasis,
+    rows: Dwells,
+    free: Bool[np.ndarray, "size parameter"],
+    start: Float[np.ndarray, "size parameter"] | None,
+    field: float | None,
+) -> Fit:
     probe = np.asarray(rows.temperature)
     middle = basis.rows(np.array([0.5 * (probe.min() + probe.max())]))[0]
     visible = rows if free[0, -1] else _without_vertical(rows)

@@ -16,9 +16,11 @@ _NEAR = 0.2  # of gravity: raw biases and scales of consumer sensors stay within
 _UNITS = {"m/s^2": G, "g": 1.0, "mg": 1000.0, "mm/s^2": 1000.0 * G}
 _SAID = {**_UNITS, "cm/s^2": 100.0 * G}
 NO_RESTS = "no rests were found"
+OFF_GRAVITY = "where the accelerometers alone are quiet it is"
 _FAR = (
     2.0  # by which a bias or a scale may be off where the file, or its numbers, leave no other unit
 )
+_ONE_POSE = 1.12  # of gravity, or gravity of it: 80 mg and 3 %, by which no sheet's part is off
 _BIAS = 0.1  # g: what reads 1 g in one pose may be off by so much, and a part of 1024 counts be one of 981
 _SCALE = 0.015  # relative: what a sphere through poses leaves, an error of scale
 _POSES_OF_A_SPHERE = 6  # four unknowns, and something to spare
@@ -75,14 +77,22 @@ def accel_unit(values: Float[np.ndarray, "time 3"], rests: Resting, hint: str = 
     what = f"|a| is {radius:.4g} at rest ({rests.num_rests} rest{'s' * (rests.num_rests > 1)})"
     if rests.slowly:
         what = f"|a| is {radius:.4g} in {rests.num_rests} stretches in which it hardly turns"
+    if rests.turned:
+        what = f"|a| is {radius:.4g} on average; {NO_RESTS}"
     samples = float(np.median(np.linalg.norm(values - center, axis=1)))
     if not fitted and radius < _TURNING * samples:
         radius = samples
         what = f"|a| is {radius:.4g} in half of the samples; {NO_RESTS}"
     calm = calm_norm(values)
     if not fitted and unit_of(calm) is not None and unit_of(radius) is None:
+        what = f"|a| is {calm:.4g} in the rows that move least"
+        what += f"; {NO_RESTS}" if rests.turned else f"; {OFF_GRAVITY} {radius:.4g}"
         radius = calm
-        what = f"|a| is {radius:.4g} in the rows that move least; {NO_RESTS}"
+    unit = None if whole(values) else unit_of(radius)
+    if unit is not None and not rests.turned and poses(directions(values, rests.accel)) == 1:
+        off = radius / _UNITS[unit]
+        if max(off, 1.0 / off) > _ONE_POSE:
+            what += f", {off:.3g} of gravity: a bias, a scale or the unit is off, and one pose cannot tell which"
     offset = _offset(center, radius, fitted)
     stated = stated_force_scale(hint)
     if stated is not None and abs(radius * stated.factor / G - 1.0) < _NEAR:

@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float
 
 from ..data.compensated import has_column, reads_compensated
 from ..data.formats import ros
@@ -14,9 +13,9 @@ from ..reduction.gravity_turns import GravityTurns, turns_in_motion
 from ..reduction.host_stamps import USUAL_RATES
 from .accel_unit import (
     accel_unit,
-    directions,
     lacks_gravity,
     NO_RESTS,
+    OFF_GRAVITY,
     shaken,
     sphere,
     TriadUnit,
@@ -37,10 +36,11 @@ from .joined_logs import alike, followed_by
 from .mag_line import magnetometers
 from .mag_unit import about_center, turned_all_ways
 from .novatel_counts import of_novatel
+from .pose_remarks import on_poses, poses_of, rests_by_both
 from .raw_log import read_log
 from .raw_triads import columns, RawTriads, read_triads
 from .recordings_table import file_names, recordings_table, sections_file
-from .resting import drifts_in_one_pose, poses, Resting, resting
+from .resting import drifts_in_one_pose, Resting, resting
 from .sensor_files import sensor_files, SensorFiles, tables_in
 from .site_lines import site_of_reference, site_table
 from .stated_scales import gyro_scale
@@ -60,8 +60,9 @@ from .upright_rate import upright_rate, UprightRate
 
 
 _TABLES = ("csv", "imu_tk", "parquet", "hdf5", "matlab")
-_POSES_OF_A_CALIBRATION = 9  # three biases and six elements of a triangular matrix
 _POSES_OF_A_SPHERE = 6  # below them the scale rests on no sphere (`accel_unit.sphere`)
+# Of counts without names neither size nor sphere tells gravity from the Earth's field.
+_OR_A_FIELD = f"{CHECK} accel: counts without a name may be a magnetometer's as well; then call their columns mag"
 _ENOUGH = 1000  # samples tell where the middle of the outputs is
 
 
@@ -245,7 +246,7 @@ def _columns(
             )
         unit = accel_unit(found.accel, rests, found.accel_words)
         told = unit.certain and (unit.scale is None or whole(found.accel))
-        told = told and not rests.turned and NO_RESTS not in unit.why
+        told = told and not (rests.turned or NO_RESTS in unit.why or OFF_GRAVITY in unit.why)
         if not told and lacks_gravity(found.accel):
             raise ValueError(
                 f"{found.log.path}: {', '.join(found.roles.accel or ())} read gravity in no unit: {WITH_GRAVITY}."
@@ -291,7 +292,9 @@ def _columns(
     lines += column_lines(own[0]) if own and (angles or upright) else []
     if found.accel is not None:
         about = None if upright is None else upright.axis
-        remarks = [*_on_poses(found, rests, references=angles is not None, about=about), *remarks]
+        both = rests_by_both(found, rests, units)
+        said = on_poses(found, rests, both, references=angles is not None, about=about)
+        remarks = [*said, *remarks]
     if found.roles.temperature is not None:
         name = found.roles.temperature
         told = temperature_unit(found.log, name, of_chip=_by_data_sheet(units.get("accel")))
@@ -331,16 +334,11 @@ def _model(found: RawTriads, rests: Resting) -> Table:
     """The estimator that one pose allows; with more of them the tool's own choice is right."""
     if found.accel is None or sections_file(found).is_file():
         return Table("model", ())
-    if rests.turned or rests.moves or _poses(found.accel, rests) > 1:
+    if rests.turned or rests.moves or poses_of(found.accel, rests) > 1:
         if found.roles.temperature is None or not drifts_in_one_pose(found.seconds, found.accel):
             return Table("model", ())
     why = "one pose tells each output's offset from its mean alone"
     return Table("model", (Line("accel_estimator", "static", why),))
-
-
-def _poses(accel: Float[np.ndarray, "time 3"], rests: Resting) -> int:
-    assert rests.accel is not None
-    return poses(directions(accel, rests.accel))
 
 
 def _by_data_sheet(accel: TriadUnit | None) -> bool:
@@ -353,43 +351,5 @@ def _or_a_field(accel: Float[np.ndarray, "time 3"], rests: Resting, unit: TriadU
     if unit.unit != "count":
         return False
     of_a_sheet = unit.scale in ACCEL_SCALES and whole(accel)
-    laid_down = not rests.slowly and _poses(accel, rests) >= _POSES_OF_A_SPHERE
+    laid_down = not rests.slowly and poses_of(accel, rests) >= _POSES_OF_A_SPHERE
     return not of_a_sheet or (not laid_down and turned_all_ways(accel))
-
-
-# Of counts without names neither size nor sphere tells gravity from the Earth's field.
-_OR_A_FIELD = f"{CHECK} accel: counts without a name may be a magnetometer's as well; then call their columns mag"
-
-
-def _on_poses(
-    found: RawTriads, rests: Resting, *, references: bool, about: str | None
-) -> list[str]:
-    """What the log can calibrate of the accelerometers; `references` of a table tell more than the norm of gravity, and
-    the faces on a table that turns about one axis do, `about` up or down."""
-    if references or found.roles.reference_accel is not None or about == "up":
-        return []
-    if about is not None:
-        return [
-            "A positive rate of the table is left-handed about up, or else the accelerometers' sign is wrong: at rest "
-            "the axis that points up must read +g."
-        ]
-    assert found.accel is not None
-    said = [
-        "The sign of the accelerometers does not show: at rest the axis that points up must read +g."
-    ]
-    if rests.turned:
-        return [
-            *said,
-            "No rest was found: accelerometers need rests of seconds in 9 orientations or more.",
-        ]
-    count = _poses(found.accel, rests)
-    if rests.slowly:
-        said.append(
-            f"The device never lies still for long: {rests.num_rests} stretches in which it hardly turns stand for "
-            "rests."
-        )
-    elif count < _POSES_OF_A_CALIBRATION:
-        said.append(
-            f"{count} pose{'s' * (count > 1)}: bias, scale and misalignments of the accelerometers need 9 or more."
-        )
-    return said

@@ -69,6 +69,18 @@ def resting(
     return Resting(start, stop, means, False, turned, len(time), slowly)
 
 
+def rests_of_both(
+    time: Float[np.ndarray, " time"],
+    accel: Float[np.ndarray, "time 3"],
+    gyro: Float[np.ndarray, "time 3"],
+) -> Resting:
+    """Rests by both triads in SI, as a calibration finds them; none of them where the gyros turn all along."""
+    found = segment(Recording(time=time, accel=accel, gyro=gyro), handling=False)
+    start, stop = np.asarray(found.start), np.asarray(found.stop)
+    means = [accel[a:b].mean(axis=0) for a, b in zip(start, stop, strict=True)]
+    return Resting(start, stop, np.reshape(means, (-1, 3)), False, not means, len(time))
+
+
 def drifts_in_one_pose(
     time: Float[np.ndarray, " time"], accel: Float[np.ndarray, "time 3"]
 ) -> bool:

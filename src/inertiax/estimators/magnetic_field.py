@@ -11,12 +11,18 @@ the result is in the frame of the accelerometers. Rows are whitened with the cov
 residuals at the parameters `at`: weights that moved with the unknowns would draw the answer to where they are small.
 `scatter` is what the field itself differs by from place to place, alike in all directions.
 
+Where misfits are some per cent of F, r₁ at fixed weights has its least value for outputs that lie on none of the
+ellipsoids one means: (E + S)⁻¹ takes nearly all of them to one point, from a centre far away. With `by_distance` the
+outputs' own noise and scatter are carried to r₁ at the unknowns, so that r₁ over its sigma is the distance from the
+ellipsoid (Sampson's, to first order in it), which no far centre makes small.
+
 **Gauge.** A common scale of S against F: F is given, or set by convention. The sign of the field: an inverted triad
 (all three axes) with an inverted F_u fits as well; of both the one nearer to the ideal triad is meant.
 
 **Reference:** Vasconcelos, Elkaim, Silvestre, Oliveira, Cardeira, *Geometric approach to strapdown magnetometer
 calibration in sensor frame*, IEEE Trans. AES 47 (2011) 1293; Kok, Schön, *Magnetometer calibration using inertial
-sensors*, IEEE Sensors J. 16 (2016) 5679.
+sensors*, IEEE Sensors J. 16 (2016) 5679; for the distance, P. D. Sampson, *Fitting conic
+sections to "very scattered" data*, Computer Graphics and Image Processing 18 (1982) 97.
 """
 
 from typing import ClassVar
@@ -56,6 +62,7 @@ class MagneticField(AbstractEstimator[MagnetometerErrors]):
     alike: Scalar = eqx.field(converter=as_array, default=1.0)
     with_current: bool = eqx.field(static=True, default=False)  # c is estimated
     robust: float | None = eqx.field(static=True, default=None)  # pseudo-Huber threshold, sigmas
+    by_distance: bool = eqx.field(static=True, default=False)  # r₁ as a distance from the ellipsoid
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -82,7 +89,11 @@ class MagneticField(AbstractEstimator[MagnetometerErrors]):
         self, vector: Float[AnyArray, " parameters"], dwell: Dwells
     ) -> Float[Array, " rows"]:
         misfit, _ = self.misfit(vector, dwell)
-        spread = self._covariance(dwell) + jnp.square(self.scatter) * self._of_place(dwell)
+        if self.by_distance:
+            spread = self._covariance(dwell, jnp.asarray(vector), jnp.square(self.scatter))
+        else:
+            spread = self._covariance(dwell, jnp.asarray(self.at))
+            spread = spread + jnp.square(self.scatter) * self._of_place(dwell)
         spread = spread * jnp.where(jnp.asarray(dwell.duration) > 0.0, 1.0, self.alike)
         first = jnp.sqrt(spread[0, 0])
         across = spread[1, 0] / first
@@ -99,7 +110,7 @@ class MagneticField(AbstractEstimator[MagnetometerErrors]):
         field = self._field(vector, dwell)
         vertical = field @ _up(dwell) - vector[-1]
         misfit = jnp.stack([jnp.linalg.norm(field) - self.field, vertical])
-        sigma = jnp.sqrt(jnp.diagonal(self._covariance(dwell)))
+        sigma = jnp.sqrt(jnp.diagonal(self._covariance(dwell, jnp.asarray(self.at))))
         return jnp.where(jnp.array([True, False]) | _rests(dwell), misfit, 0.0), sigma
 
     def _field(self, vector: Float[Array, " parameters"], dwell: Dwells) -> Float[Array, "3"]:
@@ -112,13 +123,16 @@ class MagneticField(AbstractEstimator[MagnetometerErrors]):
         steep = field @ _up(dwell) / jnp.linalg.norm(field)
         return jnp.array([[1.0, 0.0], [0.0, 1.0]]) + steep * jnp.array([[0.0, 1.0], [1.0, 0.0]])
 
-    def _covariance(self, dwell: Dwells) -> Float[Array, "2 2"]:
-        """Of both residuals, T², by the dwell's own noise: ∂r₁/∂m' = (E + S)⁻ᵀ m / ‖m‖, ∂r₂/∂m' = (E + S)⁻ᵀ u."""
-        vector = jnp.asarray(self.at)
+    def _covariance(
+        self, dwell: Dwells, vector: Float[Array, " parameters"], more: Scalar | float = 0.0
+    ) -> Float[Array, "2 2"]:
+        """Of both residuals, T², by the dwell's own noise: ∂r₁/∂m' = (E + S)⁻ᵀ m / ‖m‖, ∂r₂/∂m' = (E + S)⁻ᵀ u; with
+        `more` variance of each output (T²)."""
         up, field = _up(dwell), self._field(vector, dwell)
         transposed = (jnp.eye(3, dtype=vector.dtype) + self.unpack(vector).matrix).T
         rows = jnp.stack([solve3(transposed, d) for d in (field / jnp.linalg.norm(field), up)])
-        spread = rows @ jnp.asarray(dwell.mag_covariance) @ rows.T
+        outputs = jnp.asarray(dwell.mag_covariance) + more * jnp.eye(3)
+        spread = rows @ outputs @ rows.T
         if dwell.accel is None:
             return spread
         # The vertical is known as well as the accelerometers tell it: δu = (E − u uᵀ) δa / ‖a‖.

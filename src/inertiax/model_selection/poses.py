@@ -10,12 +10,16 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from ..data.recording import Recording
+from ..data.stored_recording import StoredRecording
 from ..physics.directions import num_directions, SAME_DIRECTION
 from ..reduction.dwells import Dwells
+from ..reduction.rests import find_rests
+from ..reduction.segments import rests_are_searched
 
 
 # rad, by the gyros' rates between two rests, less their means at both (convention: half of two directions' least angle)
 _NO_TURN = 0.5 * SAME_DIRECTION
+_WINDOW = 1.0  # s, over which motion is judged, as `segment` does
 _SHORT = 60.0  # s; over more a bias of 1 mrad/s less than assumed would turn by 3°
 
 
@@ -40,6 +44,19 @@ def directions(dwells: Dwells, recordings: Sequence[Recording] = ()) -> int:
     unit = outputs / np.maximum(np.linalg.norm(outputs, axis=1, keepdims=True), 1e-300)
     sums = np.stack([np.bincount(group, u) for u in unit.T], axis=1)
     return num_directions(sums)
+
+
+def directions_without_gyros(recordings: Sequence[Recording]) -> int:
+    """How many directions the rests show that accelerometers alone find; 0 where labels say what a rest is."""
+    means = []
+    for log in recordings:
+        if log.accel is None or log.gyro is None or isinstance(log, StoredRecording):
+            continue
+        if rests_are_searched(log):
+            quiet = find_rests(Recording(time=log.time, accel=log.accel), window=_WINDOW)
+            ranges = zip(quiet.start, quiet.stop, strict=True)
+            means += [log.accel[a:b].mean(axis=0) for a, b in ranges]
+    return num_directions(np.array(means)) if means else 0
 
 
 def _alike(one: Float[np.ndarray, "3"], other: Float[np.ndarray, "3"]) -> bool:

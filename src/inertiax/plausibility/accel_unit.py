@@ -3,6 +3,7 @@
 import numpy as np
 from jaxtyping import Float
 
+from ..physics.directions import num_directions
 from . import remedies
 from .evidence import DeviceLogs, Log
 from .finding import Finding, finding
@@ -15,19 +16,24 @@ def check_accel_unit(device: DeviceLogs, limits: Thresholds) -> list[Finding]:
     found = check_one_axis(device, limits)
     if found:
         return found  # the norm says no more
+    alone = _one_pose(device)
     for log in device.logs:
         accel = log.recording.accel
         if accel is None or np.any(np.ptp(accel, axis=0) == 0) and len(accel) >= 100:
             continue  # a dead channel is told of elsewhere
         norm, ratio = _ratio(log, device.site.gravity)
         off = max(ratio, 1.0 / max(ratio, 1e-300))
-        if off < limits.accel_ratio_warning:
+        if off < (limits.accel_one_pose_warning if alone else limits.accel_ratio_warning):
             continue
         remedy, unit = remedies.rescaled("accel", device.columns, 1.0 / max(ratio, 1e-300))
         certain = off > limits.accel_ratio_error
         likely = "check unit, scale and offset" if unit is None else f"likely {unit}"
         if unit is None and ratio > 10:
             likely = "likely raw counts, which need scale and offset of the data sheet"
+        if off < limits.accel_ratio_warning:
+            likely = (
+                "a bias, a scale factor or the unit is off: one pose cannot tell which; add others"
+            )
         found.append(
             finding(
                 "accel_unit",
@@ -42,6 +48,14 @@ def check_accel_unit(device: DeviceLogs, limits: Thresholds) -> list[Finding]:
             )
         )
     return found
+
+
+def _one_pose(device: DeviceLogs) -> bool:
+    """Whether accelerometers without a reference rest in a single direction, so that no fit tells bias from scale."""
+    if any(r.reference_accel is not None for r in device.recordings):
+        return False
+    means = [m.mean for log in device.logs if (m := log.over_rests("accel")) is not None]
+    return bool(sum(map(len, means))) and num_directions(np.concatenate(means), most=2) == 1
 
 
 def _ratio(log: Log, gravity: float) -> tuple[float, float]:

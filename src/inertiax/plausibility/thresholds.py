@@ -11,6 +11,8 @@ class Thresholds:
     # below 5 % (data sheets of MPU-6050, BMI160, LSM6DS3, ADXL345: 3 % and 80 mg at most).
     accel_ratio_error: float = 1.6  # |a| over gravity, or gravity over |a|
     accel_ratio_warning: float = 1.2
+    # The same where all rests are in one pose and no fit will tell: 80 mg and 3 %, by which no sheet's part is off.
+    accel_one_pose_warning: float = 1.12
     # Gravity turned by the gyros against gravity seen: scale 3 % of half a turn 0.1 rad, zero offsets 0.05 rad.
     turn_agrees: float = 0.16  # rad, mean misfit of motions that agree
     turn_disagrees: float = 0.3  # rad, of motions that do not

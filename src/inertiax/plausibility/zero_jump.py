@@ -1,7 +1,7 @@
 """A gyro's zero that jumps between two rests and stays: a restart, another device, or a blow."""
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from ..data.formats.columns import AXES
 from .evidence import DeviceLogs, Log
@@ -12,6 +12,8 @@ from .thresholds import Thresholds
 _LEAST = 4e-3  # rad/s, 0.23 deg/s: g-sensitivity and warm-up between two rests are below
 _LEAST_APART = 5e-4  # rad/s, 0.03 deg/s, apart from what goes with the force
 _ENOUGH = 12  # rests tell what goes with the force, and how much the zero changes otherwise
+# rad/s per m/s², 0.5°/s per g, some times the greatest in data sheets (0.1 to 0.2): a fit that says more is of motion.
+_MOST_BY_FORCE = np.radians(0.5) / 9.8
 _TIMES = 8.0  # robust deviations of the differences from rest to rest
 _SIDE = 3  # rests on each side that have to agree
 _WARMER = 1.0  # °C between them at the most, or the zero follows the temperature
@@ -20,7 +22,8 @@ _WARMER = 1.0  # °C between them at the most, or the zero follows the temperatu
 def check_zero_jump(device: DeviceLogs, limits: Thresholds) -> list[Finding]:
     """Medians of three rests before and after each moment, against the scatter from rest to rest.
 
-    What changes with the specific force is taken away first where there are rests enough to tell it.
+    What changes with the specific force is taken away first where there are rests enough to tell it. Rests in which the
+    device turns on by the least jump do not count.
     """
     del limits
     return [f for log in device.logs for f in _one(log)]
@@ -30,17 +33,25 @@ def _one(log: Log) -> list[Finding]:
     rate = log.over_rests("gyro")
     if rate is None or log.num_rests < 2 * _SIDE + 2:
         return []
+    quiet = np.flatnonzero(_turns_by(log) < _LEAST)
+    if len(quiet) < 2 * _SIDE + 2:
+        return []
     force = log.over_rests("accel")
-    zero, least = rate.mean, _LEAST
-    if force is not None and log.num_rests >= _ENOUGH:
-        zero, least = _apart(zero, force.mean), _LEAST_APART
+    zero, least = rate.mean[quiet], np.full(3, _LEAST)
+    if force is not None and len(quiet) >= _ENOUGH:
+        zero, told = _apart(zero, force.mean[quiet])
+        least[told] = _LEAST_APART
     jump, at, axis = _largest(zero)
-    if jump < least or not _same_warmth(log, at):
+    if jump < least[axis]:
         return []
     usual = 1.4826 * np.median(np.abs(np.diff(zero[:, axis])))
     if jump < _TIMES * usual:
         return []
-    before, after = (log.recording.time[log.stop[at] - 1], log.recording.time[log.start[at + 1]])
+    first, last = int(quiet[at - _SIDE + 1]), int(quiet[at + _SIDE])
+    if not _same_warmth(log, first, last):
+        return []
+    before = log.recording.time[log.stop[quiet[at]] - 1]
+    after = log.recording.time[log.start[quiet[at + 1]]]
     return [
         finding(
             "restart",
@@ -56,19 +67,34 @@ def _one(log: Log) -> list[Finding]:
     ]
 
 
+def _turns_by(log: Log) -> Float[np.ndarray, " rest"]:
+    """1 sigma of each rest's mean rate by its quarters, rad/s, of the worst axis: a hand turns on, a zero does not."""
+    assert log.recording.gyro is not None
+    made = np.zeros(log.num_rests)
+    for k, (a, b) in enumerate(zip(log.start.tolist(), log.stop.tolist(), strict=True)):
+        quarters = [x.mean(axis=0) for x in np.array_split(log.recording.gyro[a:b], 4) if len(x)]
+        made[k] = np.std(quarters, axis=0, ddof=1).max() / 2.0 if len(quarters) == 4 else 0.0
+    return made
+
+
 def _apart(
     zero: Float[np.ndarray, "rest 3"], force: Float[np.ndarray, "rest 3"]
-) -> Float[np.ndarray, "rest 3"]:
-    """The zero without what goes with the force from rest to rest; the change that fits worst has no part in it."""
-    made = np.empty_like(zero)
+) -> tuple[Float[np.ndarray, "rest 3"], Bool[np.ndarray, "3"]]:
+    """The zero without what goes with the force from rest to rest, and on which axes that is told.
+
+    The change that fits worst has no part in it.
+    """
+    made, told = zero.copy(), np.zeros(3, bool)
     turned = np.diff(force, axis=0)
     for axis in range(3):
         change = np.diff(zero[:, axis])
         by_force = np.linalg.lstsq(turned, change, rcond=1e-2)[0]
         kept = np.arange(len(change)) != np.argmax(np.abs(change - turned @ by_force))
         by_force = np.linalg.lstsq(turned[kept], change[kept], rcond=1e-2)[0]
-        made[:, axis] = zero[:, axis] - force @ by_force
-    return made
+        told[axis] = np.linalg.norm(by_force) <= _MOST_BY_FORCE
+        if told[axis]:
+            made[:, axis] -= force @ by_force
+    return made, told
 
 
 def _largest(means: Float[np.ndarray, "rest 3"]) -> tuple[float, int, int]:
@@ -87,12 +113,10 @@ def _largest(means: Float[np.ndarray, "rest 3"]) -> tuple[float, int, int]:
     return best
 
 
-def _same_warmth(log: Log, at: int) -> bool:
+def _same_warmth(log: Log, first: int, last: int) -> bool:
+    """Whether the probe stays where it was from one rest to another."""
     probe = log.recording.temperature
     if probe is None:
         return True
-    first, last = (
-        log.start[max(at - _SIDE + 1, 0)],
-        log.stop[min(at + _SIDE, log.num_rests - 1)] - 1,
-    )
-    return bool(np.ptp(np.quantile(probe[first : last + 1, 0], (0.05, 0.95))) < _WARMER)
+    rows = slice(log.start[first], log.stop[last])
+    return bool(np.ptp(np.quantile(probe[rows, 0], (0.05, 0.95))) < _WARMER)

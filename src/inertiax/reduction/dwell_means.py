@@ -18,7 +18,7 @@ from .held_rests import variance_by_parts
 from .host_stamps import remark
 from .manual_turns import turned_by_hand, with_known_angles
 from .mean_covariance import covariances_of_means
-from .rests import TURNED_SLOWLY, usual_step
+from .rests import ALWAYS_MOVES, TURNED_SLOWLY, usual_step
 from .rounded_temperature import hidden_by_steps, with_courses
 from .sample_sums import joined_means, Reduced, reduced, scatter_of
 from .segments import Segments
@@ -75,6 +75,9 @@ def reduce_to_dwells(
     if not any(len(p.start) for p in parts):
         slowly = any(f.statement.endswith(TURNED_SLOWLY) for f in found)
         why = " (it moves all along and never lies still)" if slowly else ""
+        # The reason is the statement's end: that the device moves, and how much where it moves least.
+        moved = next((f.statement for f in found if ALWAYS_MOVES in f.statement), "")
+        why = f" ({moved.removeprefix('no rest: ')})" if moved else why
         raise ValueError(
             f"{', '.join(r.name or 'recording' for r in recordings)}: no rest and no plateau of "
             f"constant rate{why}; let it lie for seconds in each orientation, or give a column 'position' of 0 or more "

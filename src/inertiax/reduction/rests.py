@@ -14,6 +14,7 @@ from .._records import field, Module
 from .._typing import Mask
 from ..data.recording import Recording
 from ..data.stored_recording import StoredRecording
+from .always_moving import moving
 from .held_rows import held_rows
 
 
@@ -25,6 +26,7 @@ _SLOW, _FEW, _APART = 0.4, 0.1, 4.0  # see `_not_turning` (conventions)
 _LOUD = 4.0  # times the quietest level of a log: noise of a part at rest is not that much greater
 _CONSTANT = 1e-2  # m/s², stands for the noise of rests that are constant (convention: a fine converter's step)
 TURNED_SLOWLY = "it moves all along"
+ALWAYS_MOVES = "the device moves all the time"
 _TURNED = 0.17  # of gravity, a tilt of 10°: more than any rest creeps or a bias wanders
 _WANDER_SPAN = 5.0  # s: longer than tremor, shorter than a warm-up
 _WINDOWS = 6  # differences of neighbours, to speak of half of them (convention)
@@ -118,7 +120,11 @@ def find_rests(recording: Recording, *, window: float, fewest: int = 16) -> Rest
     if recording.num_samples < 2 * width:
         whole = np.array([0]), np.array([recording.num_samples])
         return Rests(*whole, statement="one rest: too short to search for motion")
-    motion, levels = _motion(recording, width)
+    moves = moving(recording, step, width)
+    if moves is not None and moves.rows.all():
+        nothing = np.zeros(0, np.int64)
+        return Rests(nothing, nothing, statement=f"no rest: {ALWAYS_MOVES}; even {moves.words}")
+    motion, levels = _motion(recording, width, None if moves is None else moves.rows)
     pauses = np.append(np.diff(recording.time) > PAUSE * step, False)
     if isinstance(recording, StoredRecording) and motion.min() > _LOUD:
         nothing = np.zeros(0, np.int64)
@@ -206,21 +212,25 @@ def _turned_slowly(recording: Recording, width: int) -> bool:
     return bool(moved > _TURNED * np.median(np.linalg.norm(means, axis=1)) and moved > 10.0 * noise)
 
 
-def _motion(recording: Recording, width: int) -> tuple[Float[np.ndarray, " time"], QuietLevels]:
+def _motion(
+    recording: Recording, width: int, moves: Mask | None
+) -> tuple[Float[np.ndarray, " time"], QuietLevels]:
     """How much moves around each sample, in multiples of the quietest windows; 1 at best.
 
     For the accelerometers the variance within the window, summed over axes. For the gyros the
     mean square of the rate about its value at rest, so that a slow steady turn counts too; its
     quietest level is at least (5 mrad/s)² (0.3 deg/s), since a bias that depends on the pose (g-
     sensitivity) is no motion; nor is one that drifts over minutes (`_rate_at_rest`). The greater
-    of the two decides. Rows that a logger held (`held_rows`) are at no rest and set no level.
+    of the two decides. Rows that a logger held (`held_rows`) are at no rest and set no level, which those that `moves`
+    marks do not, either.
     """
     accel = gyro = at_rest = level = least_gyro = None
     off: Float[np.ndarray, " time"] | float = 0.0
     parted = isinstance(recording, StoredRecording)
     least = recording.quietest if parted else (np.inf, np.inf)
     held = held_rows(recording, width)
-    live = slice(None) if not held.any() else ~held
+    left = held if moves is None else held | moves
+    live = slice(None) if not left.any() or left.all() else ~left
     if recording.accel is not None:
         _, accel = _window_moments(recording.accel, width)
         level = _level(accel[live], least[0])
@@ -231,7 +241,7 @@ def _motion(recording: Recording, width: int) -> tuple[Float[np.ndarray, " time"
         mean, gyro = _window_moments(recording.gyro, width)
         judge = gyro if accel is None else accel / level
         quiet = judge <= max(np.quantile(judge, 0.3), 4.0 * _quietest(judge[live]))
-        quiet &= ~held
+        quiet &= ~(held if left.all() else left)
         at_rest = _rate_at_rest(recording.time, mean, quiet)
         off = ((mean - at_rest) ** 2).sum(axis=1)
         least_gyro = max(_level(gyro[live], least[1]), _RESTING_RATE**2)

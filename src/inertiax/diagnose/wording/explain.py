@@ -201,10 +201,12 @@ def formula(candidate: Candidate) -> str:
     """The best-found dependence in SI units: its coefficients, or of more than three the first and the rms of all."""
     term, values = candidate.term, candidate.score.coefficients
     sigmas = np.sqrt(np.diag(candidate.score.covariance))
-    numbers = " , ".join(f"{v:.3g} ± {s:.1g}" for v, s in zip(values[:3], sigmas))
+    # What the rows do not tell beside the others, as a wave's second part in one pose, is zero without a sigma.
+    told = np.flatnonzero(sigmas > 0.0) if np.any(sigmas > 0.0) else np.arange(len(values))
+    numbers = " , ".join(f"{values[k]:.3g} ± {sigmas[k]:.1g}" for k in told[:3])
     unit = "m/s^2" if term.triad == "accel" else "rad/s"
     more = rms = ""
-    if len(values) > 3:
+    if len(told) > 3:
         course = np.concatenate([x @ values for x in term.columns])
         more, rms = " , …", f", {np.sqrt(np.mean(course**2)):.2g} {unit} rms"
     return (

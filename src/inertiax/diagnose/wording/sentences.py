@@ -16,6 +16,11 @@ from ..result import Explanation, Parameter, Where
 from .untold_channels import channels_said
 
 
+# Odds that are "not worth more than a bare mention": R. E. Kass, A. E. Raftery, Bayes factors, J. Am. Stat. Assoc. 90
+# (1995).
+_AS_LIKELY = 3.0
+
+
 def _number(effect: Effect, name: str, parameter: Parameter, first: float) -> str:
     if parameter.std is None and parameter.value == 0.0:
         return "not determined by this data"
@@ -49,6 +54,12 @@ def sentence(
     on = acts_on(settings)
     acts = "" if on is None else f" It acts on {on}."
     text = effect.sentence.format(channels=", ".join(channels))
+    equal = _as_likely(members)
+    if equal:
+        text = (
+            f"{', '.join(equal[:-1])} and {equal[-1]} explain {', '.join(channels)} about equally well. By the first "
+            f"of them: {text[0].lower()}{text[1:]}"
+        )
     text += f"{acts}{said_of_coefficients(settings)} Model: {effect.equation}"
     apart = len(members) > 1
     if sum(len(m.values) for m in members) <= most:
@@ -69,6 +80,18 @@ def sentence(
     for m in members:
         text += channels_said(m.on_channels)
     return text
+
+
+def _as_likely(members: Sequence[Said]) -> list[str]:
+    """The names that are as likely as the first one, that included; none where some channel tells it apart."""
+    found: list[str] = []
+    for m in members:
+        most = max((share for _, share in m.odds), default=0.0)
+        names = [name for name, share in m.odds if _AS_LIKELY * share >= most]
+        if len(names) < 2 or names[0] != m.odds[0][0]:
+            return []
+        found += names
+    return list(dict.fromkeys(found))
 
 
 def gain_on_left_out(gain: float, what: str) -> str:
