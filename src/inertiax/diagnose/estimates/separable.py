@@ -128,8 +128,8 @@ def _tuned_beside_parameters(
 
 
 def _cycles(prepared: Prepared) -> Int[np.ndarray, " time"]:
-    """Number of the power cycle at each sample."""
-    return np.cumsum(np.r_[False, np.diff(np.asarray(prepared.signal.since_power)) < 0.0])
+    """Number of the stretch without a pause at each sample."""
+    return np.cumsum(np.r_[False, np.diff(np.asarray(prepared.signal.rows_for)) < 0.0])
 
 
 def _nothing_ahead(prepared: Prepared) -> Float[np.ndarray, " time"] | None:
