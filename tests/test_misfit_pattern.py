@@ -13,6 +13,7 @@ from inertiax.calibrate.misfit_pattern import (
     misfit_pattern,
     remedy,
     typical_size,
+    VERTICAL,
 )
 from inertiax.cli.next_step import after_diagnose
 from inertiax.estimators import GravityRotation, Invariant, ReferenceAccel, ReferenceGyro
@@ -127,6 +128,30 @@ def test_a_g_sensitivity_is_said_where_gyros_turn_on_a_table(size, named, latitu
         assert "set g_sensitivity = true under [model]" in remedy(found, "gyro")
     elif word:
         assert "[site] latitude" in remedy(found, "gyro")
+
+
+@pytest.mark.parametrize("alike", [True, False])
+def test_a_latitude_of_the_wrong_sign_is_no_reason_to_estimate_a_g_sensitivity(alike):
+    """36 poses; references of −50° where the place lies at 50°, or a D as large that is not alike on all axes."""
+    rng, up = np.random.default_rng(5), poses(36)
+    level = np.cross(up, [0.3, 0.8, -0.5])
+    level /= np.linalg.norm(level, axis=1, keepdims=True)
+    size = 2.0 * EARTH * np.sin(np.deg2rad(50.0))
+    rate = 0.5 * (EARTH * level - size * up)
+    means = rate + size * up * (1.0 if alike else np.array([1.0, -1.0, 1.0]))
+    means = means + 5e-6 * rng.standard_normal(rate.shape)
+    with jax.enable_x64(True):
+        # Plateaus about each axis tell the scale factors.
+        axes = np.concatenate([np.eye(3), -np.eye(3)])
+        dwells = Dwells.from_arrays(
+            G * np.r_[up, axes], np.r_[means, axes],
+            reference_accel=G * np.r_[up, axes], reference_gyro=np.r_[rate, axes], sigma=(NOISE, 1e-6),
+        )  # fmt: skip
+        estimator = ReferenceGyro(gravity=G, scatter=2e-5)
+        fitted = iterate_one(estimator, Constant(), dwells)
+        found = misfit_pattern(estimator, Constant(), np.asarray(fitted.curve.coefficients), dwells)
+    assert found == (VERTICAL if alike else FORCE)
+    assert ("set g_sensitivity = true" in remedy(found, "gyro")) != alike
 
 
 def test_lever_arms_that_were_found_are_fitted_next():

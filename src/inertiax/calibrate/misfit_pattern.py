@@ -35,6 +35,8 @@ SLOW = 0.1
 
 # Of the Earth's rate: its vertical part from six degrees of latitude on, and how alike rests tell it. Convention.
 _TOLD = 0.1
+# Chance above which the eight numbers by which a g-sensitivity is not alike on all axes are noise. Convention.
+ALIKE = 1e-2
 # °C; over less a usual bias (0.2 mg/°C) moves by less than 0.2 mm/s², the noise of a rest of some seconds. Convention.
 WARMED = 0.1
 # Chance of a false word where the temperature moved: there a slope is what to expect, 5 mm/s² per °C in cheap sensors.
@@ -47,6 +49,9 @@ STEEPEST = {"accel": 5e-3, "gyro": 3e-3}
 LEVER_ARMS = "ω²r of a lever arm"
 FORCE = "the specific force"
 FORCE_OR_EARTH = "the specific force, by no more than the Earth's rate would that a reference lacks"
+VERTICAL = (
+    "the vertical, as where [site] latitude is another, or a g-sensitivity is alike on all axes"
+)
 POSITIONING = "how the case lies at each positioning, which differs by"
 _TEMPERATURE = "the temperature, which moved by"
 
@@ -91,9 +96,15 @@ def misfit_pattern(
         return ""
     beyond = 1.0 - np.square(now.sigma).sum() / max(np.square(now.misfit).sum(), 1e-300)
     trials = dict(_trials(estimator, problem, now.jacobian))
-    if FORCE in trials and not _holds_earth_rate(dwells):
-        if not _beyond_earth(model, residual, trials[FORCE]):
-            trials[FORCE_OR_EARTH] = trials.pop(FORCE)
+    if FORCE in trials and _holds_earth_rate(dwells):
+        # A rate along the vertical is a bias of each axis in proportion to the force on it, all of one size.
+        upward = trials[FORCE][:, [0, 4, 8]].sum(axis=1, keepdims=True)
+        beside = np.concatenate([model, upward], axis=1)
+        if _f_test(beside, residual, trials[FORCE])[0] > ALIKE:
+            trials[VERTICAL] = upward
+            del trials[FORCE]
+    elif FORCE in trials and not _beyond_earth(model, residual, trials[FORCE]):
+        trials[FORCE_OR_EARTH] = trials.pop(FORCE)
     found = [(*_f_test(model, residual, columns), name) for name, columns in trials.items()]
     turned = _of_positionings(estimator, problem, now.jacobian)
     if turned is not None:
@@ -110,6 +121,8 @@ def remedy(follows: str, triad: str) -> str:
         return "set lever_arms = true under [model], and it is estimated"
     if follows == FORCE and triad == "gyro":
         return "set g_sensitivity = true under [model], and it is estimated"
+    if follows == VERTICAL:
+        return "look at [site] latitude first: g_sensitivity = true takes its error in and leaves it in the biases"
     if follows == FORCE_OR_EARTH:
         return "[site] latitude gives it to a table's angles; else 'inertiax diagnose' looks for the cause"
     if follows.startswith(POSITIONING):

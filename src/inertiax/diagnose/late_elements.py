@@ -112,7 +112,7 @@ def element_at_dwells(
     assert signal.temperature is not None
     constant = float(variant.settings["time_constant"])
     element = np.asarray(lag(signal.time, signal.temperature, constant))
-    since = np.asarray(signal.since_power)
+    since = np.asarray(signal.rows_for)
     cycle = np.cumsum(np.r_[False, np.diff(since) < 0.0])
     left = np.exp(-since / constant)[:, None] * (cycle[:, None] == np.arange(1, cycle[-1] + 1))
     return means_of_dwells(blocks.mean(element), place), means_of_dwells(blocks.mean(left), place)

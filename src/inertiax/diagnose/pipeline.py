@@ -302,7 +302,7 @@ def conclude_findings(
             empirical.append(burst.formula(places[0].start, places[-1].end, prepared.clock[0]))
         qualities.append((finding, *_quality(prepared, answer, terms)))
         if answer.verdict != "unexplained":
-            beside.append(Beside.of(prepared, stated, [(n, t) for n, t, _ in named_terms]))
+            beside.append(Beside.of(prepared, stated, named_terms))
         rows.append(residuals(prepared, _everything(answer, terms), stated))
         if answer.alike:
             noise.append(TOLD.format(triad=prepared.form.triad))

@@ -41,14 +41,21 @@ class Signal(Module):
     scatter: Float[AnyArray, "3"] | None = None  # 1 sigma of one sample
     supply: Float[AnyArray, " time"] | None = None  # V
     expected: Float[AnyArray, "time 3"] | None = None  # m/s² or rad/s: outputs by the fitted model
-    # °C, since the power came on: by how much the elements were then warmer than a recorded past has them
+    # °C, since the last pause: by how much the elements were then warmer than a recorded past has them
     ahead: Float[AnyArray, " time"] | None = None
+    # s since a power-on or the end of a pause in which nobody recorded the temperature; `None`: as `since_power`
+    since_pause: Float[AnyArray, " time"] | None = None
     at_temperature: Callable[[Float[AnyArray, " time"]], Float[AnyArray, "time 3"]] | None = None
     # E + Γ at a temperature in the middle: by rows the elements' own axes; `None` where they are the case's
     axes: Float[AnyArray, "3 3"] | None = None
     degree: int = field(static=True, default=0)  # of the model's polynomials in temperature
     low: Scalar | float = 0.0  # °C, mapped to -1 by the model's polynomials
     high: Scalar | float = 1.0  # °C, mapped to +1
+
+    @property
+    def rows_for(self) -> Float[AnyArray, " time"]:
+        """Seconds since the temperature is recorded without a pause."""
+        return self.since_power if self.since_pause is None else self.since_pause
 
     @property
     def duration(self) -> float:

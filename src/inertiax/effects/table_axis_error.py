@@ -9,6 +9,7 @@ from .effect import by_grade, Effect, inputs, Variant
 from .signal import Signal
 
 
+OUTER = "index of the outer axis"
 ONE_AXIS = 0.01  # of the squares of level rates along their main direction: what others may have
 
 
@@ -28,9 +29,11 @@ def shape(
     p, q = (k + 1) % 3, (k + 2) % 3
     # The inner axis carries its own rates along.
     given = u if signal.triad == "accel" else _vector({p: u[:, p], q: u[:, q]})
-    if form == "skew in the room":
+    if form in ("skew in the room", OUTER):
         room = xp.asarray(signal.room)
         outer = room[:, :, 0] * xp.cos(azimuth) + room[:, :, 1] * xp.sin(azimuth)
+        if form == OUTER:
+            return xp.cross(outer, u)[:, :, None]
         return xp.cross(given, _vector({p: outer[:, q], q: -outer[:, p]}))[:, :, None]
     across = xp.sqrt(xp.maximum(f[:, p] ** 2 + f[:, q] ** 2, 1e-4))
     c, s = f[:, p] / across, f[:, q] / across
@@ -51,7 +54,8 @@ def _vector(components: dict[int, Float[AnyArray, " time"]]) -> Float[AnyArray, 
 
 
 def variants(signal: Signal) -> tuple[Variant, ...]:
-    """Each device axis as the inner axis."""
+    """Each device axis as the inner axis; of accelerometers that all level turns across it turn about one axis of the
+    room, an index error of that one, which is what a pier's tilt about it is."""
     found = [
         Variant(f"{form} about {axis}", {"axis": axis, "form": form})
         for form in ("index", "second")
@@ -63,6 +67,8 @@ def variants(signal: Signal) -> tuple[Variant, ...]:
         if azimuth is not None:
             settings = {"axis": axis, "form": "skew in the room", "azimuth": azimuth}
             found.append(Variant(label, settings))
+            if signal.triad == "accel" and not any(v.label == OUTER for v in found):
+                found.append(Variant(OUTER, {**settings, "form": OUTER}))
             continue
         found.append(Variant(label, {"axis": axis, "form": "skew", "pole": 0}))
         f = np.asarray(signal.force)

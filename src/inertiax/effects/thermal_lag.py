@@ -21,13 +21,13 @@ def shape(
 ) -> Float[AnyArray, "time channels columns"]:
     """Difference of the model's outputs at the element's and at the probe's temperature.
 
-    What a pause between recordings did to the element decays as it does.
+    What a pause between recordings, or within one, did to the element decays as it does.
     """
     probe, outputs = signal.temperature, signal.at_temperature
     assert probe is not None and outputs is not None  # `requires` names both
     element = lag(signal.time, probe, time_constant)
     if signal.ahead is not None:
-        left = xp.exp(-xp.asarray(signal.since_power) / time_constant)
+        left = xp.exp(-xp.asarray(signal.rows_for) / time_constant)
         element = element + xp.asarray(signal.ahead) * left
     return change_at(outputs, element, probe)[:, :, None]
 

@@ -14,6 +14,7 @@ second lies in its xy plane. Misalignment of the triad to the case or the table 
 
 from typing import ClassVar
 
+import numpy as np
 from jaxtyping import Float
 
 from .._jax import Array, jnp
@@ -21,7 +22,7 @@ from .._records import field
 from .._typing import AnyArray, Scalar
 from ..numerics.linear_algebra import cholesky, cholesky_solve
 from ..physics.error_model import AccelerometerErrors, compensate_accel
-from ..physics.leaves import as_array
+from ..physics.leaves import as_array, is_traced
 from ..reduction.dwells import Dwells
 from .base import soften
 from .triads import AccelEstimator
@@ -32,7 +33,10 @@ _COLUMNS = (0, 0, 1, 0, 1, 2)
 
 
 class Invariant(AccelEstimator):
-    """‖compensated output‖ = g at rest; bias (3) and lower-triangular Γ (6). See the module."""
+    """‖compensated output‖ = g at rest; bias (3) and lower-triangular Γ (6). See the module.
+
+    Raises `ValueError` for a gravity that is not above zero.
+    """
 
     by_magnitude: ClassVar[bool] = True
 
@@ -40,6 +44,12 @@ class Invariant(AccelEstimator):
     scatter: Scalar = field(converter=as_array, default=0.0)  # m/s², 1 sigma
     robust: float | None = field(static=True, default=None)  # pseudo-Huber threshold, sigmas
     misalignments: bool = field(static=True, default=True)  # False: Γ is diagonal
+
+    def __check_init__(self):
+        if not is_traced(self.gravity) and not np.all(np.asarray(self.gravity) > 0.0):
+            raise ValueError(
+                f"`Invariant(gravity=...)`: {self.gravity:g}; it is the size of gravity, above 0 m/s² and about 9.8."
+            )
 
     @property
     def _elements(self) -> tuple[tuple[int, ...], tuple[int, ...]]:

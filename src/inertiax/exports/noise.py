@@ -101,7 +101,11 @@ def known_settings(
     sensor_ids: Mapping[str, int] = MappingProxyType({}),
 ) -> dict[str, float | int | str]:
     """What a recording itself tells of a format's settings: the sampling rate (Hz), the ROS topic and the sensors' own
-    numbers, where the format has a place for them."""
+    numbers, where the format has a place for them.
+
+    Stamps tell a rate to a part in a million at best, as crystals keep it: the digits behind are of binary fractions.
+    """
+    rate = None if rate is None else float(f"{rate:.7g}")
     told = ((getattr(module, "RATE", None), rate), (getattr(module, "TOPIC", None), topic))
     known = {key: value for key, value in told if key is not None and value is not None}
     fields = {f.name for f in msgspec.structs.fields(module.Settings)}

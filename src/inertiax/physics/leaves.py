@@ -17,8 +17,11 @@ def as_array(value: Any) -> Any:
 
 
 def real_numbers(argument: str, values: Any) -> np.ndarray:
-    """Given numbers as an array of 64 bits. Raises `ValueError` for what holds others, and for masked elements."""
+    """Given numbers as an array of 64 bits. Raises `ValueError` for what holds others, and for masked elements, and
+    `TypeError` for complex numbers, whose imaginary part NumPy would leave out."""
     refuse_masked(argument, values)
+    if np.iscomplexobj(values):
+        raise TypeError(f"`{argument}`: holds complex numbers; it must be an array of real ones.")
     try:
         return np.asarray(values, float)
     except (TypeError, ValueError):

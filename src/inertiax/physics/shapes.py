@@ -19,12 +19,15 @@ def check_one(call: str, **vectors: Any) -> None:
 
 
 def check_given(call: str, **values: Any) -> None:
-    """Raise `ValueError` for a vector, temperature or current of one sample that is `None`."""
+    """Raise `ValueError` for a vector, temperature or current of one sample that is `None`, `TypeError` where it is
+    complex."""
     for name, value in values.items():
         if value is None:
             zeros = "zeros for a triad that the device lacks"
             cure = {"temperature": "°C", "current": "A"}.get(name, zeros)
             raise ValueError(f"`{call}`: {name} is None; give {cure}.")
+        if jnp.iscomplexobj(value):
+            raise TypeError(f"`{call}`: {name} is complex; give real numbers.")
 
 
 def check_ends(call: str, value: Any, inner: tuple[int, ...]) -> None:

@@ -25,6 +25,7 @@ from .gyro_rest import check_gyro_rest
 from .gyro_turns import check_gyro_turns
 from .idle_reference import check_idle_reference
 from .interleaved_devices import check_interleaved_devices
+from .latitude import check_latitude
 from .mag_unit import check_mag_unit
 from .moving_label import check_moving_label
 from .no_rest import check_no_rest
@@ -64,6 +65,7 @@ CHECKS: tuple[Check, ...] = (
     check_table_delay,
     check_azimuth,
     check_earth_shown,
+    check_latitude,
     check_stated_rates,
     check_gravity,
     check_clock,

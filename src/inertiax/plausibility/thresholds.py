@@ -42,6 +42,17 @@ class Thresholds:
     azimuth_share: float = 0.5  # of the Earth's rate that gyros must read at least; twice at most
     azimuth_rests: int = 24  # from one knot of a bias' course in time to the next
     azimuth_spare: int = 12  # equations beyond the unknowns
+    # Its vertical part (conventions)
+    latitude_by_chance: float = 1e-6
+    # A chance below it speaks for a g-sensitivity that is not alike on all axes. A true error of the latitude is
+    # passed over in one of a hundred.
+    latitude_by_others: float = 1e-2
+    # Of the change of the vertical rate, what each of the nine g-sensitivities is known to at most: else rests in few
+    # attitudes cannot show whether it is alike on all axes.
+    latitude_across: float = 0.35
+    latitude_off: float = (
+        0.02  # Earth rates, 0.3 °/h: a degree of latitude; gyros' own D may be alike to less
+    )
     # A table's clock
     table_delay: float = 0.01  # s; at 100 °/s 1° of gravity's direction
     table_delay_sigmas: float = 5.0

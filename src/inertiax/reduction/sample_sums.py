@@ -15,6 +15,7 @@ from .chord import shortening
 from .dwells import is_told
 from .mean_covariance import Scatter
 from .mean_noise import converter_steps
+from .swinging_force import Swing, swing, swung_by
 
 
 _SAMPLES_FOR_SLOPE = 8
@@ -27,6 +28,7 @@ class Line(Module):
 
     A steady drift through a dwell, such as temperature brings, belongs to the dwell's mean time and temperature and is
     no error of the mean; left in, it would look like noise of infinite memory. Where samples are few, the mean.
+    What goes with a force that swings (`swinging_force`) is none, either.
     """
 
     mean: Float[np.ndarray, "dwell 3"]
@@ -34,6 +36,7 @@ class Line(Module):
     slope: Float[np.ndarray, "dwell 3"]  # a second; 0 where samples are few
     products: Float[np.ndarray, "dwell 3 3"]  # sums of products of deviations from the line
     step: Float[np.ndarray, "3"]  # LSB of the converter
+    swing: Swing | None = None
 
 
 class Reduced(Module):
@@ -176,11 +179,17 @@ def _line(
     slope = over(t * deviations) / np.where(square > 0, square, 1.0)
     slope = slope * (counts >= _SAMPLES_FOR_SLOPE)[:, None]
     deviations = deviations - t * np.repeat(slope, counts, axis=0)
+    force, found = swung_by(recording, triad, rows), None
+    if force is not None:
+        found = swing(force, starts, t[:, 0], deviations)
+    if force is not None and found is not None:
+        dwell = np.repeat(np.arange(len(counts)), counts)
+        deviations = deviations - found.part(force, t[:, 0], dwell)
     products = np.empty((len(counts), 3, 3))
     for i in range(3):
         for j in range(i + 1):
             products[:, i, j] = products[:, j, i] = over(deviations[:, i] * deviations[:, j])
-    return Line(mean, middle, slope, products, converter_steps(getattr(recording, triad)))
+    return Line(mean, middle, slope, products, converter_steps(getattr(recording, triad)), found)
 
 
 def _outputs(recording: Recording, triad: str, rows: Int[np.ndarray, " row"]) -> np.ndarray:
@@ -197,4 +206,9 @@ def _deviations(
     line: Line,
 ) -> Float[np.ndarray, "row 3"]:
     deviations = _outputs(recording, triad, rows) - line.mean[dwell]
-    return deviations - (recording.time[rows] - line.time[dwell])[:, None] * line.slope[dwell]
+    time = recording.time[rows] - line.time[dwell]
+    deviations = deviations - time[:, None] * line.slope[dwell]
+    force = None if line.swing is None else swung_by(recording, triad, rows)
+    if line.swing is None or force is None:
+        return deviations
+    return deviations - line.swing.part(force, time, dwell)

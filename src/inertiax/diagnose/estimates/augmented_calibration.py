@@ -6,7 +6,7 @@ the campaign is calibrated again as it was before. The coefficients' own uncerta
     C ← C + S Σ Sᵀ,    S = −(XᵀWX)⁻¹ XᵀW E,
 
 with the model's columns X and the effects' columns E on the blocks, weighted by the white noise, and the covariance
-Σ of the effects' coefficients.
+Σ of the effects' coefficients. So does that of their settings (`unknown_settings`).
 """
 
 from collections.abc import Sequence
@@ -28,6 +28,7 @@ from ..problem import Prepared, Problem
 from ..selection.evidence import Candidate
 from ..selection.verdict import Named
 from .applied_effects import fitted_effects
+from .unknown_settings import Unknown, unknown_settings
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,21 +39,28 @@ class Beside:
     terms: tuple[Term, ...]
     stored: tuple[FittedEffect, ...]
     named: tuple[Named, ...] = ()  # with the rivals that the data do not exclude
+    unknown: Unknown | None = None  # of their settings
 
     @classmethod
     def of(
-        cls, prepared: Prepared, noise: NoiseFit, named: Sequence[tuple[Named, Term]]
+        cls,
+        prepared: Prepared,
+        noise: NoiseFit,
+        named: Sequence[tuple[Named, Term, float | None]],
     ) -> "Beside":
-        """The names with their refined terms that have coefficients and whose channels are told.
+        """The names with their refined terms, and the standard deviations of their settings, that have coefficients and
+        whose channels are told.
 
         |f| is the same with an effect on any of the channels that may have it, and on a wrong one f is further off
         than without it.
         """
-        pairs = fitted_effects(prepared, noise, [t for _, t in named])
-        told = {id(t): n for n, t in named if not n.elsewhere}
+        pairs = fitted_effects(prepared, noise, [t for _, t, _ in named])
+        told = {id(t): n for n, t, _ in named if not n.elsewhere}
+        spread = {id(t): std for _, t, std in named}
         pairs = [(t, s) for t, s in pairs if id(t) in told]
         terms, stored = tuple(t for t, _ in pairs), tuple(s for _, s in pairs)
-        return cls(prepared, terms, stored, tuple(told.values()))
+        unknown = unknown_settings(prepared, noise, terms, [spread[id(t)] for t in terms])
+        return cls(prepared, terms, stored, tuple(told.values()), unknown)
 
 
 def augmented_calibration(
@@ -119,15 +127,19 @@ def without_effects(log: Log, one: Beside) -> Log:
 def _widened(triad: TriadCalibration, one: Beside) -> TriadCalibration:
     r"""The triad's calibration with the uncertainty of the effects beside it.
 
-    The effects' covariance is carried to the parameters. Where names are left that the data do not tell apart, the
-    parameters would be others under another name: with the odds $p_k$ of a rival and the difference $d_k$ that its
-    estimate makes, $\sum p_k d_k d_k^T$ is added, the mean square about the calibration that is written.
+    The effects' covariance is carried to the parameters, and what their settings may be off by (`unknown_settings`).
+    Where names are left that the data do not tell apart, the parameters would be others under another name: with the
+    odds $p_k$ of a rival and the difference $d_k$ that its estimate makes, $\sum p_k d_k d_k^T$ is added, the mean
+    square about the calibration that is written.
     """
     size, count = np.asarray(triad.curve.coefficients).shape
     covariance = np.array(triad.covariance, float)
     for term, stored in zip(one.terms, one.stored):
         slope = _slope(one.prepared, term, count, size)
         covariance += slope @ np.asarray(stored.covariance) @ slope.T
+    if one.unknown is not None:
+        slope = _slope(one.prepared, one.unknown.term, count, size)
+        covariance += slope @ one.unknown.covariance @ slope.T
     for named in one.named:
         lead = _shift(one.prepared, named.candidate, count, size)
         for part, rival in zip(named.odds[1:], named.rivals, strict=True):

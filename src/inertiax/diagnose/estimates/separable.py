@@ -59,7 +59,7 @@ def refined(
     best = np.inf, now, terms, spread
     for _ in range(ROUNDS):
         before = [_setting(t) for t in terms]
-        pauses = _after_pauses(now, terms)
+        pauses = after_pauses(now, terms)
         terms, spread = _tuned_beside_parameters(now, noise, terms, values, pauses)
         beside = _at_element(now, terms, terms, values)
         others = [*_parted(terms)[1], *pauses]
@@ -128,8 +128,8 @@ def _tuned_beside_parameters(
 
 
 def _cycles(prepared: Prepared) -> Int[np.ndarray, " time"]:
-    """Number of the power cycle at each sample."""
-    return np.cumsum(np.r_[False, np.diff(np.asarray(prepared.signal.since_power)) < 0.0])
+    """Number of the stretch without a pause at each sample."""
+    return np.cumsum(np.r_[False, np.diff(np.asarray(prepared.signal.rows_for)) < 0.0])
 
 
 def _nothing_ahead(prepared: Prepared) -> Float[np.ndarray, " time"] | None:
@@ -138,7 +138,7 @@ def _nothing_ahead(prepared: Prepared) -> Float[np.ndarray, " time"] | None:
     return np.zeros(len(cycle)) if cycle[-1] > 0 else None
 
 
-def _after_pauses(now: Prepared, terms: Sequence[Term]) -> list[Term]:
+def after_pauses(now: Prepared, terms: Sequence[Term]) -> list[Term]:
     """What elements one degree warmer at the end of each pause do to the rows, on each chain by itself.
 
     Every channel may have its own: it is the same element's temperature for all, but a channel that hardly depends on
@@ -165,6 +165,12 @@ def _after_pauses(now: Prepared, terms: Sequence[Term]) -> list[Term]:
     return made
 
 
+def numbers_of_pauses(now: Prepared, term: Term) -> list[int]:
+    """Numbers of the pauses that the columns of such a term stand for."""
+    block = _cycles(now)[now.blocks.start]
+    return [int(block[np.flatnonzero(x)[0]]) for x in term.columns[0].T]
+
+
 def _further_ahead(
     now: Prepared,
     beside: System,
@@ -178,7 +184,6 @@ def _further_ahead(
     if ahead is None or not pauses:
         return None if ahead is None else np.asarray(ahead)
     cycle = _cycles(now)
-    block = cycle[now.blocks.start]
     probe = np.asarray(now.signal.temperature)
     now_ahead = np.array([ahead[cycle == n][0] for n in range(cycle[-1] + 1)])
     known = np.full(len(now_ahead), 1.0 / float(np.ptp(probe)) ** 2)
@@ -188,9 +193,8 @@ def _further_ahead(
         (score,) = whiten_system(beside, noise, [term], rest).scores or (None,)
         if score is None:
             continue
-        for place, column in enumerate(term.columns[0].T):
+        for place, number in enumerate(numbers_of_pauses(now, term)):
             if score.told[place]:
-                number = int(block[np.flatnonzero(column)[0]])
                 weight = 1.0 / score.covariance[place, place]
                 known[number] += weight
                 total[number] += weight * score.coefficients[place]

@@ -29,6 +29,7 @@ from .without_earth import earth_taken_away
 MOST_BLOCKS = 1600
 PER_DWELL = 6  # blocks wanted in a dwell
 FEWEST_SAMPLES = 4  # in a block
+PAUSE = 30.0  # s between recordings, from which on the power may have been off (convention)
 # Changes of a channel from row to row from which they tell its step: more than such logs have rests (convention).
 FEWEST_CHANGES = 200
 # Times the usual variance of a dwell, on every axis, from which it is shaken: an amplitude of ten. Steps of a converter
@@ -50,9 +51,8 @@ class Log(eqx.Module):
     reference_accel: Float[np.ndarray, "time 3"] | None
     reference_gyro: Float[np.ndarray, "time 3"] | None
     segments: Segments  # in rows of the log
-    earth: Float[np.ndarray, "time 3"] | None = (
-        None  # rad/s, of the gyros at rest: not in the blocks' means
-    )
+    # rad/s, of the gyros at rest: not in the blocks' means
+    earth: Float[np.ndarray, "time 3"] | None = None
     latitude: float | None = None  # rad
     supply: Float[np.ndarray, " time"] | None = None  # V
     searched: bool = False  # whether rests were found in the data, so that nobody vouches for them
@@ -61,7 +61,7 @@ class Log(eqx.Module):
     @property
     def cycle(self) -> Int[np.ndarray, " time"]:
         """Number of the power cycle: a new recording after a pause of 30 s or more."""
-        late = np.r_[False, (np.diff(self.recording) != 0) & (np.diff(self.time) > 30.0)]
+        late = np.r_[False, (np.diff(self.recording) != 0) & (np.diff(self.time) > PAUSE)]
         return np.cumsum(late)
 
     @property
