@@ -23,6 +23,9 @@ _ENOUGH = (
 _LEAST = 0.25  # s; where one turn ends and the next begins a device is as still for up to 0.23 s
 # Thresholds, highest to lowest, that find the same stretches: a factor of 2 between the deviations of rest and motion.
 _APART = 4.0
+# rad, 0.3°, from its first third to its last: what lies turns by less, and what is turned on stops for a moment between
+# two turns, in which it still goes by 0.6° and more; and standard deviations of that.
+_TURNS, _SURE = 0.005, 2.0
 _MORE = 2.0  # times as many directions as rests lie in; fewer were no gain
 _MOSTLY = 0.5  # of the rows at rest: a device that lies for long is not laid down briefly
 
@@ -70,10 +73,19 @@ def _brief(
         found = find_rests(log.recording, window=window, fewest=_SAMPLES)
         if accel is None or found.apart < _APART:
             continue
-        ranges = list(zip(found.start, found.stop, strict=True))
+        ranges = [(a, b) for a, b in zip(found.start, found.stop, strict=True) if _lies(accel[a:b])]
         brief += [accel[a:b].mean(axis=0)[None] for a, b in ranges]
         lasts += [(b - a) * log.step for a, b in ranges]
     return brief, lasts, _directions(brief)
+
+
+def _lies(accel: Float[np.ndarray, "time 3"]) -> bool:
+    """Whether gravity does not turn from the first third to the last, beyond what noise makes of their means."""
+    third = max(len(accel) // 3, 1)
+    first, last = accel[:third].mean(axis=0), accel[-third:].mean(axis=0)
+    noise = 0.5 * np.mean(np.sum(np.diff(accel, axis=0) ** 2, axis=1))  # over three axes
+    most = (_TURNS * np.linalg.norm(first)) ** 2 + _SURE**2 * 2.0 * noise / third
+    return bool(np.sum((last - first) ** 2) < most)
 
 
 def _can_be_searched(log: Log) -> bool:
