@@ -1,5 +1,6 @@
 """What a diagnosis says first where names are equally likely, and of coefficients that the rows do not tell."""
 
+import inspect
 from types import SimpleNamespace
 
 import numpy as np
@@ -47,7 +48,7 @@ def candidate(values, sigmas):
 
 
 def test_a_coefficient_that_is_not_told_is_left_out():
-    text = formula.__wrapped__(candidate([1.55, 0.0], [0.2, 0.0]))
+    text = inspect.unwrap(formula)(candidate([1.55, 0.0], [0.2, 0.0]))
     assert text == "accel_x += (1.55 ± 0.2) m/s^2 · sin(2 pi f / fmax + phase)"
-    both = formula.__wrapped__(candidate([1.55, -0.3], [0.2, 0.1]))
+    both = inspect.unwrap(formula)(candidate([1.55, -0.3], [0.2, 0.1]))
     assert "(1.55 ± 0.2 , -0.3 ± 0.1)" in both

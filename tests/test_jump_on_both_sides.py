@@ -1,5 +1,6 @@
 """A jump between rests that were searched: several rests on both sides tell it, or one in whose midst it is."""
 
+import inspect
 from types import SimpleNamespace
 
 import numpy as np
@@ -19,7 +20,7 @@ def told(monkeypatch, lengths, moment, searched=True):
     )
     monkeypatch.setattr(persistence, "searched", lambda _: searched)
     monkeypatch.setattr(persistence, "held_out_rms", lambda _, terms: 2.0 - len(terms))
-    return persistence.persists.__wrapped__(prepared, term, [])
+    return inspect.unwrap(persistence.persists)(prepared, term, [])
 
 
 @pytest.mark.parametrize(

@@ -70,8 +70,9 @@ def test_numbers_in_brackets_become_columns(tmp_path, between):
     command = str(refused.value).split("make columns of them: ")[1]
     subprocess.run(command, shell=True, check=True, cwd=tmp_path)
     found = np.genfromtxt(tmp_path / "numbers_log.csv", delimiter=",", names=True)
-    assert found.dtype.names == tuple(f"{t}_{a}" for t in ("accel", "gyro") for a in "xyz")
-    columns = np.stack([found[name] for name in found.dtype.names], axis=1)
+    names = tuple(f"{t}_{a}" for t in ("accel", "gyro") for a in "xyz")
+    assert found.dtype.names == names
+    columns = np.stack([found[name] for name in names], axis=1)
     np.testing.assert_allclose(columns, np.hstack([ACCEL, GYRO]), atol=1e-5)
 
 
