@@ -2,6 +2,7 @@
 
 import equinox as eqx
 import numpy as np
+import pytest
 
 import turned_by_hand as hand
 from inertiax.calibrate.accelerometers import calibrate_accelerometers
@@ -48,6 +49,7 @@ def test_the_sensitivity_is_what_changed_accelerometers_do_to_the_gyros():
         assert np.allclose(slope[:, k], by_differences, rtol=0.02, atol=2e-3), k
 
 
+@pytest.mark.slow
 def test_gyros_of_thirty_devices_are_as_far_off_as_their_covariance_says():
     """χ² of gyros alone and with the accelerometers, and rms z, of 30 devices with white noise alone.
 

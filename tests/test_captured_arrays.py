@@ -44,6 +44,7 @@ def test_fit(lead):
     assert abs(np.asarray(found.coefficients)[..., :3] - BIAS).max() < ROUNDING
 
 
+@pytest.mark.slow
 def test_joint_fit():
     rests, estimator = dwells(), ix.Invariant(gravity=9.81)
     kept = capture(rests, estimator)

@@ -142,6 +142,7 @@ print(*sorted(sys.modules), file=sys.stderr)
 """
 
 
+@pytest.mark.slow
 def test_commands_of_the_host_load_no_jax_and_find_the_same(tmp_path, capsys, monkeypatch):
     time, accel, gyro = hand_log(rate=100.0)
     names = "time,accel_x,accel_y,accel_z,gyro_x,gyro_y,gyro_z"

@@ -227,6 +227,7 @@ def test_the_calibration_beside_a_named_effect_has_earth_rate_taken_away_once():
     assert np.abs(change).max() < 0.01 * OMEGA
 
 
+@pytest.mark.slow
 def test_gravity_turns_with_the_earth_while_the_device_moves_where_a_reference_tells_it():
     model = ModelChoice(gyro_estimator="gravity")
     slow = log(2, rests=16, seconds=20.0, told=True)

@@ -300,6 +300,7 @@ def test_every_source_has_its_functions_name():
         assert source.name == name
 
 
+@pytest.mark.slow
 def test_four_temperatures_are_said_not_to_determine_degree_four(made):
     accel = made[0][:2]
     accel = np.concatenate([accel] * 4, axis=1) + 1e-4 * np.random.default_rng(2).normal(

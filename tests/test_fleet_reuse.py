@@ -37,6 +37,7 @@ def line(made):
     return made / "line", made / "out"
 
 
+@pytest.mark.slow
 def test_devices_of_other_files_keep_their_results(line, tmp_path):
     source, out = line
     before = rows(out)
@@ -66,6 +67,7 @@ def test_devices_of_other_files_keep_their_results(line, tmp_path):
     assert (again.devices_before, again.tasks_before) == (4, 2)
 
 
+@pytest.mark.slow
 def test_new_devices_are_added_and_those_that_are_gone_are_left_out(line, tmp_path):
     source, out = line
     (source / "line-2.parquet").rename(tmp_path / "line-2.parquet")
@@ -88,6 +90,7 @@ def test_other_settings_keep_nothing(line):
     assert_frame_equal(rows(out), before)
 
 
+@pytest.mark.slow
 def test_a_folder_of_campaigns_is_calibrated_anew_where_it_changed_and_says_so(
     tmp_path, capsys, monkeypatch
 ):

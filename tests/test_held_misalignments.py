@@ -2,6 +2,7 @@
 
 import equinox as eqx
 import numpy as np
+import pytest
 
 from inertiax.calibrate.held_misalignments import stated_with_held, with_held
 from inertiax.calibrate.one_triad import estimate_triad
@@ -33,6 +34,7 @@ def _device(rng: np.random.Generator, misalignment: float) -> tuple[Campaign, np
     return Campaign((made,), Site(gravity=GRAVITY)), np.concatenate([bias, scale])
 
 
+@pytest.mark.slow
 def test_stated_sigmas_hold_what_held_misalignments_of_the_usual_size_do():
     """rms of error over sigma of 30 devices, 6 numbers each: a standard error of 0.075 where half are alike."""
     z = []

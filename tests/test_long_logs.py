@@ -340,6 +340,7 @@ temperature_degree = 0
     return arm
 
 
+@pytest.mark.slow
 def test_parts_of_a_table_s_log_with_a_clock_of_its_own_give_what_the_whole_gives(tmp_path):
     """The first row of a move is no knock at the end of a rest, in the whole as in its parts."""
     arm = turned_on_a_table(tmp_path)

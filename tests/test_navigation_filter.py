@@ -310,6 +310,7 @@ def test_many_runs_in_one_track_have_a_covariance_each(biases, rested):
         navigation.refined(biases, many.last)
 
 
+@pytest.mark.slow
 def test_refined_is_kalmans_update_of_all_coefficients_alone_and_in_traced_code(calibration):
     """Of a measurement of the biases alone; the others follow by their correlation with them."""
     filter_ = navigation.Filter(calibration, "*.bias", noise=NOISE, frame=FRAME, samples=SAMPLES)

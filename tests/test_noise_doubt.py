@@ -18,6 +18,7 @@ def test_a_deviate_is_the_distance_of_the_logarithms():
     assert check("gyro_x", 2e-3 * np.exp(-0.25)).deviate == pytest.approx(-2.5, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_no_more_sound_noises_are_called_doubtful_than_are_allowed():
     """Eight comparisons of a sound noise, 1000 times."""
     rng = np.random.default_rng(1)

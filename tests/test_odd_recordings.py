@@ -33,6 +33,7 @@ def runs(tmp_path_factory):
     return home
 
 
+@pytest.mark.slow
 def test_fewer_rests_and_a_noisier_channel_are_told(runs):
     assert odd_recordings(runs / "before", read_manifest(runs / "before")) == ()
     found = odd_recordings(runs / "after", read_manifest(runs / "after"))
@@ -45,6 +46,7 @@ def test_fewer_rests_and_a_noisier_channel_are_told(runs):
     )  # 18 rests tell a median of deviations to some percent
 
 
+@pytest.mark.slow
 def test_exchanged_serial_numbers_are_told_with_each_other(runs):
     drift = drift_between(runs / "after", runs / "before", "accel")
     assert set(drift.taken_for) == {("SN0007", "SN0008"), ("SN0008", "SN0007")}

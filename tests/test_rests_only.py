@@ -81,6 +81,7 @@ def test_fit_is_that_of_the_rests(made):
 
 
 @pytest.mark.parametrize("solve", [ix.joint_fit, joint_fit_one], ids=lambda f: f.__name__)
+@pytest.mark.slow
 def test_least_squares_are_those_of_the_rests(made, solve):
     dwells, want, _ = made
     found = solve(TRIAD, ix.Constant(), dwells)

@@ -211,6 +211,7 @@ def test_the_log_is_one_of_the_campaigns_inputs(tmp_path):
     assert inputs["chamber.csv"] == digest
 
 
+@pytest.mark.slow
 def test_a_fleet_of_folders_has_it_and_sees_that_it_changed(tmp_path):
     for name in ("A-1", "A-2"):
         folder = written(tmp_path / "line" / name, apart=name == "A-1")

@@ -60,6 +60,7 @@ def test_a_fleet_in_random_attitudes_is_calibrated_as_by_scipy(rests, degree, lo
         assert off.max() < 1e-2
 
 
+@pytest.mark.slow
 def test_an_answer_does_not_depend_on_the_others_of_its_batch():
     accel, temperature = _fleet(30, devices=20)
     temperature[:, 0], temperature[:, 1] = (
@@ -82,6 +83,7 @@ def test_an_answer_does_not_depend_on_the_others_of_its_batch():
 
 
 @pytest.mark.parametrize(("error", "within"), [(0.01, 0.015), (0.02, 0.015), (0.05, 0.015)])
+@pytest.mark.slow
 def test_uncertainties_are_those_of_the_minimum(error, within):
     # 18 attitudes at each of seven temperatures. The normal matrix that a batch of devices is solved with is made near
     # the minimum, by a first step in 32 bits, and anew where that was not near (`FAR`).

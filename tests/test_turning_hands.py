@@ -116,6 +116,7 @@ def errors_over_sigmas(together, seeds):
     return np.array(errors), np.array(misfits)
 
 
+@pytest.mark.slow
 def test_sigmas_of_logs_in_a_turning_hand_are_their_errors():
     errors, misfits = errors_over_sigmas(False, range(10))
     # Sizes of 0.2 to 0.4 and χ² of 0.03 to 0.2 before. 90 and 120 errors, several of a log alike, know theirs to some
@@ -125,6 +126,7 @@ def test_sigmas_of_logs_in_a_turning_hand_are_their_errors():
     assert np.all(np.median(misfits, axis=0) > 0.5) and np.all(np.median(misfits, axis=0) < 1.6)
 
 
+@pytest.mark.slow
 def test_so_are_those_of_both_triads_in_one_least_squares():
     errors, misfits = errors_over_sigmas(True, range(3))
     assert 0.5 < np.sqrt(np.mean(errors**2)) < 1.5

@@ -137,6 +137,7 @@ def test_one_innovation_makes_the_sum_of_independent_processes(rate):
     np.testing.assert_allclose(np.abs(one) ** 2, each, rtol=1e-8)
 
 
+@pytest.mark.slow
 def test_flicker_begins_in_equilibrium_and_needs_no_64_bits():
     noise = SensorNoise(TriadNoise(B=1.0), TriadNoise(B=1.0), 100.0)
 
