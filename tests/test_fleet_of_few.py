@@ -32,7 +32,8 @@ from inertiax.physics.temperature import Constant, Polynomial
 from inertiax.plots.fleet import distributions
 from inertiax.plots.style import drawing
 from inertiax.reduction.dwells import Dwells
-from inertiax.report.fleet import report_fleet, reserved_lines
+from inertiax.report.fleet import report_fleet
+from inertiax.report.fleet_fits import reserved_lines
 from protocol_fleet_cases import write_line
 
 

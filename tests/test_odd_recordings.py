@@ -9,8 +9,8 @@ from inertiax.fleet import run_fleet
 from inertiax.fleet.overview.odd_recordings import odd_recordings
 from inertiax.fleet.overview.recalibration import drift_between
 from inertiax.fleet.store import read_manifest
-from inertiax.report.fleet import fit_sentence
 from inertiax.report.fleet_drift import drift_sentence
+from inertiax.report.fleet_fits import fit_sentence
 
 
 @pytest.fixture(scope="module")

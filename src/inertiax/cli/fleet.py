@@ -201,8 +201,9 @@ def _tell(
     from ..fleet import read_line_file
     from ..fleet.magnetometers import LEFT_OUT
     from ..fleet.population.unit_covariance import FEWEST
-    from ..report.fleet import fit_sentence, odd_sentence, reserved_lines
+    from ..report.fleet import odd_sentence
     from ..report.fleet_drift import drift_sentence
+    from ..report.fleet_fits import fit_sentence, reserved_lines
     from ..report.fleet_mismatch import too_few_to_explain
 
     line, unlike = (read_line_file(output) or ()) if explain else (), page.unlike_names

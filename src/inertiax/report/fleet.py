@@ -25,12 +25,12 @@ from ..plots.style import drawing
 from . import fleet_mismatch
 from .fleet_device import line_units, report_device, signed
 from .fleet_drift import beyond_chance, drift_section, drift_sentence
+from .fleet_fits import fit_sentence, NAMED, reserved_lines
 from .fleet_lever_arms import line_lever_arms
 from .fleet_mismatch import LISTED
 from .page import Key, Link, Picture, picture, Section, Table, Verdict, write_page
 
 
-NAMED = 10  # devices in a sentence
 PAGES = 20  # of single devices, of each kind
 DRAWN = 5  # of them with figures, which take most of the time
 _UNITS = {"accel": "m/s^2", "gyro": "rad/s"}
@@ -213,25 +213,6 @@ def odd_sentence(odd: Sequence[OddRecording]) -> str:
     """Devices recorded unlike the others, each with what is unusual."""
     each = "; ".join(f"{o.device}: {o.words}" for o in odd[:NAMED])
     return f"Recorded unlike the others: {each}{'; …' if len(odd) > NAMED else ''}."
-
-
-def fit_sentence(fits: dict[str, int], reserved: Sequence[str] = ()) -> str:
-    """How many devices' fits are good, by the rule of `calibrate`; `reserved` are those whose is not."""
-    words = {
-        "good": "good", "usable": "usable with a reservation", "doubtful": "not to be used yet"
-    }  # fmt: skip
-    said = ", ".join(f"{fits[v]} {words[v]}" for v in words if fits[v])
-    which = f" ({_named(reserved)})" if reserved else ""
-    return f"Fit by the rule of `calibrate`: {said}{which}."
-
-
-def reserved_lines(why: Sequence[Reserved]) -> list[str]:
-    """What devices are reserved for, each with how many, and the first of them; the rarest first."""
-    return [f"{len(r.devices)} × {r.words.rstrip('.')} ({_named(r.devices)})" for r in why[:NAMED]]
-
-
-def _named(devices: Sequence[str]) -> str:
-    return ", ".join(devices[:NAMED]) + (", …" if len(devices) > NAMED else "")
 
 
 def _percent(part: int, whole: int) -> str:
