@@ -36,8 +36,12 @@ UNITS = {"accel": "m/s^2", "gyro": "rad/s"}
 
 def count_verdicts(folder: Path, manifest: Manifest) -> dict[str, int]:
     """How many of the devices that were not set aside are "good", "usable" and "doubtful"."""
-    found = graded_devices(folder, manifest)
-    counted = Counter(found.get_column("verdict").to_list())
+    return verdicts_of(graded_devices(folder, manifest))
+
+
+def verdicts_of(graded: pl.DataFrame) -> dict[str, int]:
+    """How many of `graded_devices` are "good", "usable" and "doubtful"."""
+    counted = Counter(graded.get_column("verdict").to_list())
     return {verdict: counted.get(verdict, 0) for verdict in VERDICTS.values()}
 
 
@@ -67,7 +71,8 @@ def graded_devices(folder: Path, manifest: Manifest) -> pl.DataFrame:
             "device": part.get_column("device"),
             "verdict": [VERDICTS[int(g)] for g in worst],
             "kinds": _kinds(part, by_kind, worst),
-            "ratio": np.max(ratio, axis=0) if ratio else np.full(part.height, math.nan),
+            # Of one triad whose noise is not known the other tells it.
+            "ratio": np.fmax.reduce(ratio) if ratio else np.full(part.height, math.nan),
         }
         tables.append(pl.DataFrame(made, schema=tables[0].schema))
     return pl.concat(tables)

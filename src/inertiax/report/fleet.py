@@ -19,7 +19,7 @@ from ..fleet.population.population import Population, read_population
 from ..fleet.population.unit_covariance import FEWEST
 from ..fleet.results import kinds_of_reasons
 from ..fleet.store import Manifest, read_manifest, read_parts
-from ..fleet.verdicts import count_verdicts, graded_devices, Reserved, reserved_kinds
+from ..fleet.verdicts import graded_devices, Reserved, reserved_kinds, verdicts_of
 from ..plots import fleet as plots
 from ..plots.style import drawing
 from . import fleet_mismatch
@@ -108,8 +108,9 @@ def fleet_page(
             raise ValueError(f"{earlier} and {folder} have no calibrated device in common.")
     unlike = {triad: unlike_devices(view) for triad, view in views.items()}
     line = read_line_file(folder) or ()
-    fits = count_verdicts(folder, manifest)
-    reserved = graded_devices(folder, manifest).filter(pl.col("verdict") != "good")
+    graded = graded_devices(folder, manifest)
+    fits = verdicts_of(graded)
+    reserved = graded.filter(pl.col("verdict") != "good")
     # Of many the one that the model explains the worst stands first.
     reserved = reserved.sort("verdict", pl.col("ratio").fill_nan(0.0), descending=[False, True])
     names = tuple(reserved.get_column("device").to_list())
