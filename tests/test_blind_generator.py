@@ -167,6 +167,7 @@ def test_wilson_interval_and_span_overlap_have_their_hand_values():
     assert marks.overlap([(0, 4), (2, 6)], [(0, 6)]) == pytest.approx(1.0)
 
 
+@pytest.mark.slow
 def test_scorer_refuses_other_answers_than_the_sealed_ones(suite, tmp_path):
     folder, answers = suite
     text, digest = generate.seal(answers)

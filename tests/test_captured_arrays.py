@@ -53,6 +53,7 @@ def test_joint_fit():
     assert abs(found.curve.coefficients[0, :3] - BIAS).max() < ROUNDING
 
 
+@pytest.mark.slow
 def test_derivatives():
     found = ix.fit(dwells(), accel=ix.Invariant(gravity=9.81))
     kept = capture(found)

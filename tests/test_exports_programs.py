@@ -176,6 +176,7 @@ def test_a_precision_that_is_none_is_told_which_there_are():
         export(calibration(), "c", dtype="double")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("dtype", ["float64", "float32"])
 def test_reloaded_stablehlo_equals_our_compensation(dtype):
     pytest.importorskip("flatbuffers", reason="flatbuffers is not installed")

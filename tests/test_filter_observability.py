@@ -157,6 +157,7 @@ def _felt_beside_a_velocity(slopes):
     return filter_, navigation.Track(start, time, *others, jnp.zeros(()), start)
 
 
+@pytest.mark.slow
 def test_in_32_bits_a_run_shows_what_it_shows_in_64():
     # Beside v of prior variance 1 the information is Σs² − (Σs)²/(n + 1), of which 32 bits leave one digit.
     slopes = np.tile([1000.0, 1001.0], 5000)

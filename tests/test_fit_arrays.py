@@ -121,6 +121,7 @@ def test_derivatives_are_mapped_over_devices(found, table):
     np.testing.assert_allclose(mapped.by_source[0], table.by_source[0], rtol=1e-8, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_derivatives_need_no_lapack(found):
     """Batched LAPACK calls of two triads wait for each other for good on two cores."""
     sources = [ix.sources.gravity(1e-4), ix.sources.output_noise()]

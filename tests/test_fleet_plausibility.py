@@ -45,6 +45,7 @@ def line(folder, tables):
     return folder
 
 
+@pytest.mark.slow
 def test_a_unit_that_all_devices_have_wrong_ends_the_run_with_its_cure(tmp_path):
     wrong = line(tmp_path / "line", [device(f"A{k}", k, np.degrees(1.0)) for k in range(4)])
     with pytest.raises(ValueError, match=r'gyro = \{ unit = "deg/s" \}.*in the first 3 devices'):
@@ -63,6 +64,7 @@ def test_force_goes_on_and_is_part_of_the_run(tmp_path):
         run_fleet(wrong, tmp_path / "out")
 
 
+@pytest.mark.slow
 def test_one_device_that_is_wrong_does_not_end_the_run_and_has_its_cause(tmp_path):
     tables = [device(f"A{k}", k) for k in range(5)]
     tables[1] = device("A1", 1, np.degrees(1.0))

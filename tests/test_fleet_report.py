@@ -98,6 +98,7 @@ def test_a_device_unlike_the_others_is_named_with_its_parameter(line):
     assert "Calibrated, but unlike its line." in text and "bias y" in text
 
 
+@pytest.mark.slow
 def test_names_are_escaped_and_links_lead_to_pages_inside(line):
     folder, _, _ = line
     for file in (folder / "report.html", *(folder / "devices").glob("*.html")):

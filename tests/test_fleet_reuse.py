@@ -78,6 +78,7 @@ def test_new_devices_are_added_and_those_that_are_gone_are_left_out(line, tmp_pa
     assert (found.devices_before, found.devices, found.calibrated) == (4, 6, 6)
 
 
+@pytest.mark.slow
 def test_other_settings_keep_nothing(line):
     source, out = line
     before = rows(out)

@@ -69,6 +69,7 @@ def test_whitened_rows_are_those_of_the_filter_row_by_row(channels, heated, thet
     np.testing.assert_allclose(own_logs, float(logs), rtol=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("channels, heated", CASES)
 @pytest.mark.parametrize("theta", THETAS)
 def test_the_restricted_likelihood_and_its_slope_are_those_of_jax(channels, heated, theta):

@@ -26,6 +26,7 @@ def moved(rate=100.0, seconds=60.0):
     return time, up + 0.3 * rng.normal(size=up.shape), gyro, attitude
 
 
+@pytest.mark.slow
 def test_the_force_in_motion_tells_the_gyros_unit(tmp_path):
     """By magnitude alone shaken gyros in rad/s were likely deg/s; noisy ones as they are."""
     time, accel, gyro, _ = moved()

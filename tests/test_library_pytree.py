@@ -339,6 +339,7 @@ def _conditioned(bits):
     return known, held, free, want, point
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("bits", [np.float64, np.float32])
 def test_the_density_of_a_conditioned_calibration_is_that_of_the_others(bits):
     known, held, _, want, point = _conditioned(bits)

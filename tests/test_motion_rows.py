@@ -35,6 +35,7 @@ def carried(rates: np.ndarray, step: float, start: np.ndarray) -> np.ndarray:
     return attitude.inv().apply(start)
 
 
+@pytest.mark.slow
 def test_response_is_the_change_of_the_end_by_scipys_rotations(clean):
     blocks, rates = clean.blocks, clean.rates
     for motion in (0, 7):

@@ -39,6 +39,7 @@ def test_a_kept_result_is_a_computation_of_its_own_unless_joined():
         assert "small_call" not in jax.jit(lambda x: whole(x)).lower(x).as_text()
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(
     not is_tried(), reason="one kernel is made of versions of jaxlib that it was tried with"
 )

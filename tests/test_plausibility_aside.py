@@ -89,6 +89,7 @@ def test_a_device_whose_data_are_wrong_fails_with_the_reason(twins, monkeypatch,
     assert len(twins) == 1
 
 
+@pytest.mark.slow
 def test_the_command_says_what_is_wrong_and_writes_nothing(tmp_path):
     """In a process of its own, which has a twin where there are two processors."""
     (recording,) = _campaign(1.0 / 9.81).recordings

@@ -237,6 +237,7 @@ def test_misfits_are_drawn_against_order_temperature_and_position(rows):
     assert_readable(figure)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "draw",
     [

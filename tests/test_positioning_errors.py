@@ -39,6 +39,7 @@ def table(rng, *, shared, cross=0.0):
     return Campaign((recording,), Site(gravity=9.81), rig=rig, model=model)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("shared", "cross"), [(True, 0.0), (False, 0.0), (True, 3e-3)], ids=["one", "each", "effect"]
 )

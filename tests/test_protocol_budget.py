@@ -71,6 +71,7 @@ def test_the_parts_are_the_fits_covariance(referenced):
     assert np.allclose(total, fitted, rtol=1e-9, atol=1e-12 * np.max(np.diag(fitted)))  # rounding
 
 
+@pytest.mark.slow
 def test_the_rigs_part_is_what_the_error_budget_derives(referenced):
     """`error_budget` moves every dwell's attitude and differentiates the answer; here the weights are taken apart."""
     one, result = referenced

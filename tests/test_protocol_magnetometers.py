@@ -50,6 +50,7 @@ def protocol(tmp_path_factory) -> Path:
     return folder / "out"
 
 
+@pytest.mark.slow
 def test_values_hold_the_truth_within_their_expanded(protocol):
     results = {
         r["name"]: r for r in json.loads((protocol / "protocol.json").read_text("utf-8"))["results"]

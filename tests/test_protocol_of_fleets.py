@@ -72,6 +72,7 @@ def test_the_tables_rate_is_whole_in_the_scale_factors(home):
         assert stated[f"gyro.matrix[{axis},{axis}]"].expanded > 1.96 * RATE
 
 
+@pytest.mark.slow
 def test_a_fit_that_is_not_taken_apart_has_the_common_rate_on_top(alone):
     calibration = alone["U1"].calibration
     station = StationRecord(9.81, None, None, RATE, None)

@@ -69,6 +69,7 @@ def test_the_plateaus_would_be_seen(made):
     assert np.abs(rests[:3] - BIAS).max() < 5 * NOISE
 
 
+@pytest.mark.slow
 def test_fit_is_that_of_the_rests(made):
     dwells, want, _ = made
     fit = ix.fit(dwells, accel=TRIAD, gyro=ix.ReferenceGyro(gravity=GRAVITY))

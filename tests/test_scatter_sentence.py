@@ -59,6 +59,7 @@ def of_own_model(spread):
         return model_scatter_sentence(made.system, made.blocks, fit_noise(made.system, ()))
 
 
+@pytest.mark.slow
 def test_of_an_own_model_it_is_said_likewise():
     assert of_own_model(0.0) == ""
     said = of_own_model(3e-4)

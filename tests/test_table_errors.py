@@ -178,6 +178,7 @@ def by_standings(table, turn):
     return whole, part
 
 
+@pytest.mark.slow
 def test_the_fit_is_generalised_least_squares_with_the_table_s_covariance(table, drawn):
     """A dense covariance of positions, noise and table by hand; one device, the same in a fleet, and its budget."""
     dwells = with_rig_errors(drawn[0][0], table.STATED)

@@ -78,6 +78,7 @@ def drawn(folder, logs, above):
     return draft_campaign(folder / "log.csv", folder, table=table, latitude=48.0).text
 
 
+@pytest.mark.slow
 def test_long_turns_and_an_encoders_noise_leave_the_delay_as_it_is(tmp_path, logs):
     text = drawn(tmp_path, logs, SAID)
     assert 'table_angles = { names = ["A", "B"], unit = "deg" }' in text

@@ -40,6 +40,7 @@ def _by_scipy(accel, temperature, degree, low, high):
     return least_squares(misfit, np.zeros(9 * (degree + 1)), x_scale="jac", method="lm")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("rests", "degree", "lost"), [(24, 1, 0), (30, 2, 1)])
 def test_a_fleet_in_random_attitudes_is_calibrated_as_by_scipy(rests, degree, lost):
     # 24 rests have 24 equations for 18 unknowns, 30 rests 30 for 27: there one of 48 may be left.

@@ -211,6 +211,7 @@ def of_matrix(result):
     return values[place], sigmas[place]
 
 
+@pytest.mark.slow
 def test_a_log_in_two_files_is_judged_as_the_same_log_in_one(same_log, tmp_path, capsys):
     apart, one = same_log
     assert judge(apart).verdict == judge(one).verdict == "good"
@@ -240,6 +241,7 @@ def test_a_reservation_is_said_once(same_log, tmp_path, capsys):
         assert said.count(first) == said.count(second) == 1
 
 
+@pytest.mark.slow
 def test_a_delay_between_the_files_does_not_move_what_rests_and_turns_tell(tmp_path):
     """A tenth of a second, twenty samples: the gyros' matrix is the simulated one, as without it."""
     late, _ = by_hand(tmp_path, behind=0.1)

@@ -180,6 +180,7 @@ def _damaged(content: dict, **changes) -> dict:
     return content
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("change", "said"),
     [

@@ -41,6 +41,7 @@ def test_recordings_of_two_rates_have_no_usual_one():
     assert recorded([log(0.0), log(0.0, 0.005)]).sample_rate is None
 
 
+@pytest.mark.slow
 def test_a_protocol_has_the_days_of_its_recordings(tmp_path, capsys, monkeypatch):
     """Half a minute before midnight (UTC) to the next day."""
     folder = write_campaign(tmp_path / "campaign")
