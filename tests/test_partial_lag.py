@@ -4,10 +4,16 @@ import jax
 import numpy as np
 import pytest
 
+import hand_log_data
 from inertiax.data.recording import Campaign, ModelChoice, Recording, Site
 from inertiax.diagnose import diagnose
+from inertiax.diagnose.candidates.signatures import Term
+from inertiax.diagnose.estimates.augmented_calibration import Beside
 from inertiax.diagnose.late_elements import Chain
-from inertiax.diagnose.partial_lag import _fit, _pays
+from inertiax.diagnose.partial_lag import _fit, _pays, with_part_late
+from inertiax.diagnose.problem import prepare
+from inertiax.diagnose.result import Diagnosis
+from inertiax.effects.effect import Variant
 
 
 GRAVITY = 9.81
@@ -96,3 +102,19 @@ def test_without_a_lag_no_late_part_is_told():
         found = diagnose(heated(0.0))
     assert found.verdict == "consistent"
     assert not [n for n in found.notes if "follows the probe" in n]
+
+
+def test_what_was_named_without_some_rests_is_weighed_on_its_own_rows():
+    time, accel, _ = hand_log_data.hand_log(rests=40)
+    probe = 20.0 + 10.0 * np.sin(2.0 * np.pi * time / time[-1])
+    log = Recording(time=time, accel=accel + 1e-3 * probe[:, None], temperature=probe[:, None])
+    model = ModelChoice(temperature_degree=1)
+    with jax.enable_x64(True):
+        problem = prepare(Campaign((log,), Site(GRAVITY), model=model))
+        (whole,) = problem.triads
+        kept = np.arange(whole.blocks.num_blocks) < whole.blocks.num_blocks - 4
+        fewer = whole.only(kept)
+        column = np.linspace(0.0, 1.0, fewer.blocks.num_blocks)[:, None]
+        term = Term("temperature_rate", "accel", (0,), Variant("", {}), (0,), (column,))
+        found = Diagnosis("missing-physics", "One effect.")
+        assert with_part_late(found, problem, [Beside(fewer, (term,), ())]) == found

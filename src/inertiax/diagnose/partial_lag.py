@@ -40,8 +40,14 @@ class _Late(NamedTuple):
 def with_part_late(found: Diagnosis, problem: Problem, named: Sequence[Beside] = ()) -> Diagnosis:
     """The diagnosis with a sentence on each channel whose bias has a late part that fits better than what is `named`;
     as it is without such."""
-    terms = {b.prepared.form.triad: b.terms for b in named}
-    said = [t for p in problem.triads for t in _said(p, terms.get(p.form.triad, ()))]
+    # What was named may have been found without some rests: its columns have those rows alone.
+    beside = {b.prepared.form.triad: b for b in named}
+    said = [
+        sentence
+        for prepared in problem.triads
+        for mine in [beside.get(prepared.form.triad)]
+        for sentence in (_said(mine.prepared, mine.terms) if mine else _said(prepared, ()))
+    ]
     if not said:
         return found
     return replace(found, summary=f"{found.summary} {' '.join(said)}", notes=(*found.notes, *said))
