@@ -32,6 +32,7 @@ from .goodness_of_fit import (
 )
 from .misfit_pattern import follows_temperature, FORCE, LEVER_ARMS, remedy
 from .pipeline import DeviceResult, MagnetometerResult, TriadResult
+from .untold_earth import earth_in_g_sensitivity
 
 
 GRID = 25  # temperatures at which parameters are judged, over the calibrated range
@@ -85,6 +86,7 @@ def judge(result: DeviceResult) -> Quality:
         if follows_temperature(estimate.follows):
             advice.insert(0, f"{name}: rests after the device has reached its temperature.")
         own += _outliers(name, estimate)
+        own += earth_in_g_sensitivity(name, triad, estimate, result.calibration)
         if estimate.contradicted is not None:
             said = f"{estimate.contradicted.statement}. Biases at rest are all that is told"
             own.append(Finding("motions", UNUSABLE, f"{name}: {said}."))
