@@ -8,6 +8,7 @@ from inertiax.data.campaign import load_campaign
 from inertiax.data.formats.late_references import at_their_moments
 from inertiax.data.formats.turntable import Turntable
 from inertiax.fleet import run_fleet
+from inertiax.live.follow import plan
 from inertiax.plausibility import check_campaign
 
 
@@ -93,3 +94,11 @@ def test_a_fleet_in_common_files_refuses_a_delay(tmp_path):
     log(tmp_path, delay=LATE)
     with pytest.raises(ValueError, match=r"\[table\] delay: the files of many devices"):
         run_fleet(tmp_path, tmp_path / "out")
+
+
+def test_a_log_that_is_followed_refuses_a_delay(tmp_path):
+    log(tmp_path, delay=LATE)
+    with pytest.raises(
+        ValueError, match=r"\[table\] delay moves references to other rows, which `live`"
+    ):
+        plan(tmp_path, None, piped=False, target=None)
