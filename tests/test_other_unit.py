@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 
+from inertiax.calibrate.fit_quality import judge
+from inertiax.calibrate.pipeline import calibrate_device
 from inertiax.data.recording import Campaign, Recording, Site
 from inertiax.plausibility import check_campaign
 
@@ -109,3 +111,11 @@ def test_what_one_unit_does_is_not_called_another(what):
 def test_of_a_hundred_units_by_themselves_none_is_called_two():
     steep = [unit(100 + k, slopes=float(1 + k % 10)) for k in range(100)]
     assert not any(told(read, seed=k, warm=WARM[: 2 + k % 4]) for k, read in enumerate(steep))
+
+
+@pytest.mark.slow
+def test_a_calibration_of_two_units_is_not_to_be_used():
+    of = lambda read: judge(calibrate_device(campaign(read)))
+    both = of(lambda f, w, k: (ONE if k < 3 else OTHER)(f, w, k))
+    assert both.verdict == "doubtful" and "another unit" in both.answer
+    assert of(ONE).verdict != "doubtful"

@@ -41,6 +41,8 @@ _FEWEST, _SIDE, _DEGREES = 4, 3, 3
 _RESTARTED = np.array([0.02, 1e-3, 1e-3])
 _EACH_DEGREE = np.array([5e-3, 2e-4, 1e-5])
 
+SAID = "another unit was put in"  # of a campaign that is no single unit's
+
 
 class _Setting(NamedTuple):
     """The nine numbers of one recording or setting, bias first, with their variances for a misfit of one."""
@@ -266,7 +268,7 @@ def _told(settings: list[_Setting], change: _Change) -> Finding:
         "accel",
         f"{log.name}: {where}biases, scale factors and the angles between the axes of the accelerometers are others "
         f"{since}, at once and by up to {bias:.2g} m/s², {1e6 * scale:.2g} ppm and {1e6 * angle:.2g} µrad. No "
-        "temperature, restart or mounting changes all of them: another unit was put in. Calibrate them apart, each "
+        f"temperature, restart or mounting changes all of them: {SAID}. Calibrate them apart, each "
         "in a campaign of its own.",
         bias=bias,
         scale=scale,
