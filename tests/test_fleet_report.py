@@ -238,5 +238,6 @@ def test_command_ends_with_the_page(tmp_path):
 
 def test_command_tells_wrong_temperatures(line, tmp_path):
     folder, _, _ = line
-    run = CliRunner().invoke(app, ["fleet", ".", "-o", str(tmp_path), "--at", "cold"])
-    assert run.exit_code == 2 and "not a list of temperatures" in run.output
+    for asked in ("cold", "20,nan"):
+        run = CliRunner().invoke(app, ["fleet", ".", "-o", str(tmp_path), "--at", asked])
+        assert run.exit_code == 2 and "not a list of temperatures" in run.output

@@ -82,3 +82,35 @@ def test_labels_that_change_name_no_columns(tmp_path):
     path.write_text("".join(rows))
     with pytest.raises(ValueError, match="take those out: sed -E"):
         draft(path)
+
+
+@pytest.mark.skipif(shutil.which("sed") is None, reason="no sed")
+@pytest.mark.parametrize(
+    "stamp",
+    [
+        "[12:30:{0:06.3f}]",
+        "[2025-10-04 16:35:{0:06.3f}]",
+        "[2025-10-04T16:35:{0:06.3f}]",
+        "[{0:.3f}]",
+    ],
+)
+@pytest.mark.parametrize("between", [" ", ", "])
+def test_stamps_in_brackets_stay_as_the_time(tmp_path, stamp, between):
+    """The command for the labels took the first word with its stamp out, or named it "[12"."""
+    path, labels = tmp_path / "log.txt", ("ax", "ay", "az", "gx", "gy", "gz")
+    form = between.join(f"{n}={{{k}:.6f}}" for k, n in enumerate(labels, 1))
+    kept = TIME < 59.0  # of one minute
+    rows = [
+        f"{stamp} {form}\n".format(t, *a, *w)
+        for t, a, w in zip(TIME[kept], ACCEL[kept], GYRO[kept], strict=True)
+    ]
+    path.write_text("Sensor ready\n" + "".join(rows))
+    with pytest.raises(ValueError, match="labels and a stamp") as refused:
+        draft(path)
+    command = str(refused.value).split("make columns of them: ")[1]
+    subprocess.run(command, shell=True, check=True, cwd=tmp_path)
+    tables = draft(tmp_path / "numbers_log.csv")
+    assert tables["columns"]["time"]["name"] == "time"
+    (recording,) = load_campaign(tmp_path).recordings
+    np.testing.assert_allclose(recording.time - recording.time[0], TIME[kept] - TIME[0], atol=6e-4)
+    np.testing.assert_allclose(recording.accel, ACCEL[kept], atol=1e-5)

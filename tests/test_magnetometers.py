@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from inertiax.calibrate.magnetic_directions import missing_directions
 from inertiax.calibrate.magnetic_fit import Fit
 from inertiax.calibrate.magnetometers import calibrate_magnetometers
 from inertiax.calibrate.magnetometers_of_device import magnetometer_calibration
@@ -20,7 +21,7 @@ from inertiax.physics.magnetic_model import compensate_mag, distort_mag, Magneto
 from inertiax.reduction.dwell_means import reduce_to_dwells
 from inertiax.reduction.field_rows import field_rows, sample_noise
 from inertiax.report.calibration import figures_ahead
-from magnetometer_cases import DIP, DRIFT, FIELD, HARD, rotations, rows, SOFT, WARM, WIRE
+from magnetometer_cases import DIP, DRIFT, FIELD, field_of, HARD, rotations, rows, SOFT, WARM, WIRE
 
 
 # Noise of 1e-12 T leaves 1e-12 / 48e-6 of a matrix element, and the solve stops within 1e-7 sigma of its optimum.
@@ -337,3 +338,25 @@ def test_outputs_that_keep_no_magnitude_are_told_so(monkeypatch):
     monkeypatch.setattr(Fit, "judged", ran_away)
     with pytest.raises(ValueError, match="no ellipsoid fits, for the outputs keep no magnitude"):
         calibrate_magnetometers(rows(1, rests=0, moving=240))
+
+
+def test_directions_that_are_missing_are_said_with_how_to_turn(monkeypatch):
+    """A device that was tilted by 60° at most spans a cap: the estimation "did not converge"."""
+    turns = rotations(1500, np.random.default_rng(4))
+    up = field_of(turns) @ np.linalg.inv(np.eye(3) + SOFT).T
+    cap = up[up[:, 0] < -0.5 * FIELD]
+    cap = cap + HARD + 5e-7 * np.random.default_rng(5).normal(size=cap.shape)
+    monkeypatch.setattr(Fit, "converged", False)  # as where iron moves near by
+    log = lambda mag: eqx.tree_at(lambda d: d.mag, rows(1, rests=0, moving=len(mag)), mag)
+    with pytest.raises(ValueError, match="along x the field moves by .* with .x up, .* once round"):
+        calibrate_magnetometers(log(cap))
+    with pytest.raises(ValueError, match="did not converge; look for a wrong unit"):
+        calibrate_magnetometers(log(up + HARD))
+    assert missing_directions(np.asarray(up + HARD)) is None
+
+
+def test_the_direction_that_is_missing_may_lie_between_axes():
+    up = field_of(rotations(500, np.random.default_rng(4)))
+    towards = np.array([1.0, 0.0, -1.0]) / np.sqrt(2.0)
+    said = missing_directions(up[np.abs(up @ towards) < 0.5 * FIELD])
+    assert said is not None and "between +x and −z" in said

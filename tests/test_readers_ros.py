@@ -1,5 +1,6 @@
 """Bags of ROS 1 and ROS 2 and MCAP, written by rosbags, become the same recording."""
 
+import sqlite3
 import subprocess
 import sys
 
@@ -153,3 +154,22 @@ def test_an_imu_in_a_field_of_a_message_of_its_own_comes_out_by_the_command(tmp_
     np.testing.assert_array_equal(recording.time, [100.5, 101.5, 102.5])
     np.testing.assert_array_equal(recording.accel, np.tile([1.0, 2.0, 9.8], (3, 1)))
     np.testing.assert_array_equal(recording.gyro[:, 2], [0.3, 1.3, 2.3])
+
+
+def test_a_bag_that_does_not_hold_its_types_is_told_how_ros_writes_it(tmp_path):
+    """As ROS 2 before Iron records: the bag was refused without a command."""
+    from rosbags.rosbag2 import StoragePlugin, Writer
+    from rosbags.typesys import get_types_from_msg, get_typestore, Stores
+
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    store.register(get_types_from_msg(IMU_IN_A_FIELD, "imu_msg/msg/IMUmsg"))
+    plugin = StoragePlugin.SQLITE3
+    with Writer(tmp_path / "run", version=9, storage_plugin=plugin) as writer:
+        for topic in ("/a", "/imu"):
+            to = writer.add_connection(topic, "imu_msg/msg/IMUmsg", typestore=store)
+            writer.write(to, 1, b"\0" * 64)
+    (file,) = (tmp_path / "run").glob("*.db3")
+    with sqlite3.connect(file) as database:
+        database.execute("DELETE FROM message_definitions")
+    said = refusal(read_recordings, tmp_path / "run")
+    assert "ros2 topic echo --csv /imu > imu.csv` beside `ros2 bag play 'run'" in said

@@ -14,6 +14,7 @@ import numpy as np
 from .._records import field, Module
 from ..calibration.calibration import Calibration, TriadCalibration
 from ..calibration.quantities import customary_units, label, rms_text, with_sigma
+from ..plausibility.other_unit import SAID as OTHER_UNIT
 from ..reduction.dwells import Dwells
 from .attitudes_over_temperature import is_of_one_attitude
 from .data_coverage import input_of, Judged, orientations, rates, redundancy, temperatures
@@ -32,6 +33,7 @@ from .goodness_of_fit import (
 )
 from .misfit_pattern import follows_temperature, FORCE, LEVER_ARMS, remedy
 from .pipeline import DeviceResult, MagnetometerResult, TriadResult
+from .untold_earth import earth_in_g_sensitivity
 
 
 GRID = 25  # temperatures at which parameters are judged, over the calibrated range
@@ -85,6 +87,7 @@ def judge(result: DeviceResult) -> Quality:
         if follows_temperature(estimate.follows):
             advice.insert(0, f"{name}: rests after the device has reached its temperature.")
         own += _outliers(name, estimate)
+        own += earth_in_g_sensitivity(name, triad, estimate, result.calibration)
         if estimate.contradicted is not None:
             said = f"{estimate.contradicted.statement}. Biases at rest are all that is told"
             own.append(Finding("motions", UNUSABLE, f"{name}: {said}."))
@@ -118,7 +121,7 @@ def judge(result: DeviceResult) -> Quality:
 
 
 def _of_warning(warning: str, result: DeviceResult) -> Finding:
-    """A warning; unusable where constants were fitted to a warm-up in one pose beside others, and do not fit."""
+    """A warning; unusable of two units, or of constants that a warm-up in one pose beside other poses contradicts."""
     text = begun(warning, str.upper)
     constant = [r for c, r in _both(result) if c.curve.basis.size == 1]
     if is_of_one_attitude(warning) and any(
@@ -127,7 +130,7 @@ def _of_warning(warning: str, result: DeviceResult) -> Finding:
         return Finding(
             ONE_ATTITUDE, UNUSABLE, f"Constants are right at none of its temperatures. {text}"
         )
-    return Finding("warning", ATTENTION, text)
+    return Finding("warning", UNUSABLE if OTHER_UNIT in warning else ATTENTION, text)
 
 
 ONE_ATTITUDE = "one_attitude"  # topic: a hand log and a warm-up in one campaign

@@ -21,6 +21,7 @@ from .observability import judge_normal
 
 _PASSES = 12  # over weights, scatter and the conventional field: each changes the answer ever less
 _MOST_UNLIKE = 3.0  # of semi-axes: soft iron is some tenths (convention)
+_RAN_AWAY = 1e6  # of coefficients, parts and T: soft iron is some tenths, and squares of these still are numbers
 _SETTLED = 1e-4  # of weights, relative: below what any data tell of a variance
 
 
@@ -169,7 +170,7 @@ def _settled(
     for _ in range(_PASSES):
         found, _, converged = fit.problem.solve(fit.coefficients, free=free)
         fit = fit._replace(coefficients=found, converged=converged)
-        if not np.all(np.isfinite(found)):
+        if not np.all(np.abs(found) < _RAN_AWAY):  # nor are they numbers
             return fit._replace(converged=False)
         fit, moved = _settle(fit, middle, field)
         if moved < _SETTLED:

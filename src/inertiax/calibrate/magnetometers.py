@@ -23,6 +23,7 @@ from ..physics.temperature import Constant, Curve
 from ..reduction.dwells import Dwells
 from .between_dwell_variance import chi2_per_dof
 from .magnetic_degrees import choose_degrees
+from .magnetic_directions import how_to_turn, missing_directions
 from .magnetic_fit import Fit, free_coefficients, solved
 from .magnetic_frame import in_frame
 from .results import MagnetometerResult
@@ -78,8 +79,10 @@ def calibrate_magnetometers(
         free = free_coefficients(names, degrees, turned=fit.turned)
         fit = solved(fit.estimator, basis, rows, free, start, field)
     if not fit.converged:
+        lacking = missing_directions(np.asarray(rows.mag))
+        cause = "look for a wrong unit, exchanged columns or iron that moved"
         raise ValueError(
-            "mag: the estimation did not converge; look for a wrong unit, exchanged columns or iron that moved."
+            f"mag: the estimation did not converge{f'; {cause}' if lacking is None else f': {lacking}'}."
         )
     return _result(fit, field is not None, reason, warnings)
 
@@ -103,7 +106,7 @@ def _require_turned_about_two_axes(fit: Fit, size: float) -> None:
     if out_of_plane**2 < LEAST_TURN * misfit**2:
         raise ValueError(
             f"mag: it was turned about one axis only: the field leaves a plane by {1e6 * out_of_plane:.2g} µT where "
-            f"the misfit is {1e6 * misfit:.2g} µT; turn the device all ways, upside down too."
+            f"the misfit is {1e6 * misfit:.2g} µT; {how_to_turn(np.asarray(fit.rows.mag))}."
         )
 
 

@@ -23,6 +23,7 @@ from ..physics.wgs84 import EARTH_RATE
 from ..procedure.single_device import Problem
 from ..reduction.dwells import Dwells
 from ..reduction.rig_errors import positionings, turned_by
+from .untold_earth import is_no_more, no_reference_tells
 
 
 # Chance of a false word where scatter was found and is white. Real scatter is not quite, and is most of what is looked
@@ -49,6 +50,9 @@ STEEPEST = {"accel": 5e-3, "gyro": 3e-3}
 LEVER_ARMS = "ω²r of a lever arm"
 FORCE = "the specific force"
 FORCE_OR_EARTH = "the specific force, by no more than the Earth's rate would that a reference lacks"
+FORCE_OR_HEADING = (
+    "the specific force, by no more than the Earth's rate makes, whose heading no reference tells"
+)
 VERTICAL = (
     "the vertical, as where [site] latitude is another, or a g-sensitivity is alike on all axes"
 )
@@ -125,6 +129,11 @@ def remedy(follows: str, triad: str) -> str:
         return "look at [site] latitude first: g_sensitivity = true takes its error in and leaves it in the biases"
     if follows == FORCE_OR_EARTH:
         return "[site] latitude gives it to a table's angles; else 'inertiax diagnose' looks for the cause"
+    if follows == FORCE_OR_HEADING:
+        return (
+            "a g-sensitivity would take that rate in, which is no property of the gyros; a table's angles with "
+            "[site] latitude tell them apart"
+        )
     if follows.startswith(POSITIONING):
         return "write that under [rig] as position_uncertainty, and ± holds it"
     if follows_temperature(follows):
@@ -294,12 +303,15 @@ def _of_rests(estimator: AbstractEstimator, basis: AbstractBasis, dwells: Dwells
     phi = basis.rows(np.asarray(dwells.temperature))
     force = np.asarray(dwells.accel) / 9.8
     weight = 1.0 / np.sqrt(np.diagonal(np.asarray(dwells.gyro_covariance), axis1=1, axis2=2))
-    found = [
-        _f_test(phi * w[:, None], y * w, force * w[:, None])
-        for y, w in zip(np.asarray(dwells.gyro).T, weight.T)
-    ]
-    chance, share = min(found)
-    return FORCE if chance < RARE / 3.0 and share > MOST else ""
+    rows = list(zip(np.asarray(dwells.gyro).T, weight.T, strict=True))
+    chance, share = min(_f_test(phi * w[:, None], y * w, force * w[:, None]) for y, w in rows)
+    if not (chance < RARE / 3.0 and share > MOST):
+        return ""
+    if not no_reference_tells(dwells.reference_gyro):
+        return FORCE
+    both = np.concatenate([phi, force], axis=1)
+    each = [np.linalg.lstsq(both * w[:, None], y * w)[0][phi.shape[1] :] for y, w in rows]
+    return FORCE_OR_HEADING if is_no_more(np.concatenate(each)) else FORCE
 
 
 def _span(columns: Float[np.ndarray, "row column"]) -> Float[np.ndarray, "row direction"]:

@@ -61,6 +61,11 @@ def clock_of(
     rate = log.stated_rate
     if name is not None and name in log.stamps:
         return _checked(name, None, log.stamps[name], "stamps as text")
+    split = split_stamps(log)
+    if split is not None and name in (None, *split.columns):
+        rate = (rows - 1) / float(split.seconds[-1] - split.seconds[0])
+        text = f"seconds and nanoseconds stand in two columns ({split.columns[0]}, {split.columns[1]}): their mean rate"
+        return _counted(usual_rate(rate), rows, text, True)
     if name is not None:
         values = log.numbers[name]
         tenths = _tenths_of_ms(name, values)
@@ -82,11 +87,6 @@ def clock_of(
         return _counted(log.notes.rate, rows, text, log.notes.sure)
     if rate is not None:
         return _counted(rate, rows, "a line above the header states the rate", True)
-    split = None if log.has_header else split_stamps(log)
-    if split is not None:
-        rate = (rows - 1) / float(split.seconds[-1] - split.seconds[0])
-        text = f"seconds and nanoseconds stand in two columns ({split.columns[0]}, {split.columns[1]}): their mean rate"
-        return _counted(usual_rate(rate), rows, text, True)
     return _counted(UNKNOWN_RATE, rows, "nothing in the file tells the rate", False)
 
 

@@ -17,6 +17,11 @@ _UNIT = "[A-Za-z%°/]*"  # right behind a number, as in 12.3m
 _ROW = "^[-+0-9.eE,;:/_TZ[:space:]]+$"  # of numbers and stamps alone
 # Three numbers in brackets behind a label: `accel=(0.1, 0.2, 9.8)`.
 _GROUP = re.compile(rf"([A-Za-z]\w*) *[=:]? *\( *{_NUMBER} *[,;] *{_NUMBER} *[,;] *{_NUMBER} *\)")
+# A stamp in brackets, as a logger writes it in front of what a program prints, with labelled numbers behind.
+_STAMPED = re.compile(
+    rf"\s*\[\s*(?:\d{{4}}-\d\d-\d\d[T ])?(?:\d+:\d\d:)?\d+[.,]?\d*\s*\][^A-Za-z]*"
+    rf"((?:[A-Za-z]\w* *[=:] *{_NUMBER}[\s,;]*){{3,}})"
+)
 _FIRST = 1 << 14  # bytes that hold as many lines
 _LINES = 20  # that tell what rows are like
 _MOST = 0.8  # of these; the others are what a program says as it starts
@@ -68,6 +73,28 @@ def refuse_groups(text: bytes, path: Path) -> None:
     raise ValueError(
         f"{path.name}: numbers stand in brackets ('{short(lines[found.index(labels)])}'); make columns of them: "
         + by_sed(script, path, names)
+    )
+
+
+def refuse_stamped(text: bytes, path: Path) -> None:
+    """Raise `ValueError` where rows are labelled numbers behind a stamp in brackets, `[12:30:11.123] ax=0.1 ay=…`.
+
+    The stamp stays, as the first column.
+    """
+    first = text[:_FIRST].decode("utf-8", "replace").splitlines()
+    lines = [line for line in first if line.strip()][:_LINES]
+    rows = [_STAMPED.fullmatch(line) for line in lines]
+    found = [() if m is None else tuple(re.findall(r"([A-Za-z]\w*) *[=:]", m[1])) for m in rows]
+    labels, count = Counter(found).most_common(1)[0] if found else ((), 0)
+    if not labels or count < _MOST * len(lines):
+        return
+    script = (
+        r"s/^ *\[ *([0-9-]+) +/[\1T/; s/([^0-9A-Za-z_])[A-Za-z][A-Za-z0-9_]* *[=:] */\1/g; "
+        rf"s/[],;[:space:]]+/,/g; s/^,?\[//; s/,$//; /{_ROW}/!d"
+    )
+    raise ValueError(
+        f"{path.name}: numbers stand behind labels and a stamp ('{short(lines[found.index(labels)])}'); make columns "
+        f"of them: {by_sed(script, path, ','.join(('time', *labels)))}"
     )
 
 

@@ -13,7 +13,7 @@ from ..data.formats import array_notes, csv, hdf5, imu_tk, matlab, parquet
 from ..data.formats.detect import detect
 from ..data.formats.text_layout import find_layout, TextLayout
 from ..data.formats.time_stamps import seconds_of
-from .labelled_numbers import by_sed, refuse_groups, refuse_labels
+from .labelled_numbers import by_sed, refuse_groups, refuse_labels, refuse_stamped
 
 
 _NUMERIC = 0.99  # of a column's rows hold numbers; the rest are dropouts for `calibrate` to refuse
@@ -130,6 +130,7 @@ def _read_one(path: Path, chosen: ModuleType) -> RawLog:
             + by_sed("s/ -> /,/", path)
         )
     refuse_groups(text, path)
+    refuse_stamped(text, path)
     layout = find_layout(text, path.name)
     names = layout.names or unnamed(layout.width)
     if chosen is imu_tk and layout.names is None and layout.width == len(_IMU_TK):

@@ -1,5 +1,6 @@
 """`inertiax fleet`: every device of a line, resumable, with a page over all of them."""
 
+import math
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, TYPE_CHECKING
@@ -163,7 +164,10 @@ def _temperatures(text: str | None) -> tuple[float, ...] | None:
     if text is None:
         return None
     try:
-        return tuple(float(part) for part in text.split(","))
+        asked = tuple(float(part) for part in text.split(","))
+        if not all(math.isfinite(t) for t in asked):
+            raise ValueError
+        return asked
     except ValueError:
         raise typer.BadParameter(
             f"'{text}' is not a list of temperatures such as -20,25,60.", param_hint="'--at'"

@@ -1,6 +1,8 @@
 """`inertiax init`: the `campaign.toml` that fits a log."""
 
+import contextlib
 import math
+import re
 from pathlib import Path
 from typing import Annotated
 
@@ -96,10 +98,15 @@ def init(
             table=table,
             temperature=temperature,
         )
+        before = file.read_bytes() if file.exists() else None
+        made = [f for f in (folder, *folder.parents) if not f.exists()]
         with outputs.staged_folder(folder) as staging:
             (staging / file.name).write_text(draft.text, encoding="utf-8")
         stages("reading it back")
         campaign, problem = _read_back(load_campaign, file)
+        if problem is not None and not _can_be_mended(draft, problem):
+            _put_back(file, before, made)
+            raise ValueError(f"{problem.rstrip('.')}. No campaign.toml was written.")
         if campaign is not None and "azimuth" in draft.untold:
             stages("asking the gyros for the azimuth")
             draft = _with_azimuth(draft, campaign)
@@ -124,11 +131,9 @@ def init(
         if problem is None:
             console.say(console.one_line(after_init(folder, checks=bool(draft.untold))))
     if problem is not None:
-        console.warn(f"the campaign is written, but: {problem}")
-        if all(table.name != "columns" for table in draft.tables):
-            raise typer.Exit(
-                1
-            )  # a format that names its columns itself: no line of the file mends it
+        console.warn(
+            f"the campaign is written as a draft to mend, for it does not read yet: {problem}"
+        )
 
 
 def _read_back(load, file: Path) -> tuple:
@@ -137,6 +142,28 @@ def _read_back(load, file: Path) -> tuple:
         return load(file), None
     except ValueError as error:
         return None, str(error)
+
+
+def _can_be_mended(draft, problem: str) -> bool:
+    """Whether lines of the draft can mend it: those of columns, or of what the problem names, as "[recordings]".
+
+    A format that names its columns itself has none, and a file that is none of that format no cure in the draft.
+    """
+    named = re.search(r"\[(site|recordings|columns|table|rig|device|model)\]", problem)
+    return named is not None or any(table.name == "columns" for table in draft.tables)
+
+
+def _put_back(file: Path, before: bytes | None, made: list[Path]) -> None:
+    """The file as it was, and no folder that was `made` for it, the innermost first."""
+    from ..storage.whole_files import write_atomically
+
+    if before is not None:
+        write_atomically(file, before)
+        return
+    file.unlink()
+    for folder in made:
+        with contextlib.suppress(OSError):  # another run writes there by now
+            folder.rmdir()
 
 
 def _with_azimuth(draft, campaign):

@@ -144,6 +144,11 @@ def _plan(path: Path, folder: Path, asked: _Asked, ahead: Ahead) -> tuple[Manife
                 "[recordings] temperature_files: the files of many devices hold the temperature as a column; a device "
                 "whose temperature is logged apart needs a sub-folder with a campaign.toml of its own."
             )
+        if table.table.delay:
+            raise ValueError(
+                "[table] delay: the files of many devices are read with their references as they stand; a device whose "
+                "references are late needs a sub-folder with a campaign.toml of its own."
+            )
         sources = find_sources(file.parent, table.recordings.files)
         other = [s.address for s in sources if not s.address.lower().endswith((".parquet", ".pq"))]
         if other:

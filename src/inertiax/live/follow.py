@@ -62,6 +62,12 @@ def plan(campaign: Path, log: Path | None, *, piped: bool, target: str | None) -
             f"{file}: [recordings] temperature_files logs the temperature apart; `live` follows one log that holds it, "
             "too."
         )
+    by_table = table.columns.table_angles is not None or table.columns.table_rates is not None
+    if table.table.delay and not by_table:
+        raise ValueError(
+            f"{file}: [table] delay moves references to other rows, which `live` cannot wait for; leave it out, or run "
+            "`inertiax calibrate` of the whole log."
+        )
     if said.format not in (None, "csv"):
         raise ValueError(
             f"{file}: [recordings] format = '{said.format}'; `live` follows delimited text (csv)."

@@ -29,6 +29,7 @@ from .latitude import check_latitude
 from .mag_unit import check_mag_unit
 from .moving_label import check_moving_label
 from .no_rest import check_no_rest
+from .other_unit import check_other_unit
 from .pose_rows import check_pose_rows
 from .positions import check_positions
 from .processed_outputs import check_processed_outputs
@@ -75,6 +76,7 @@ CHECKS: tuple[Check, ...] = (
     check_brief_rests,
     check_rests,
     check_zero_jump,
+    check_other_unit,
     check_spikes,
     check_dropouts,
     check_processed_outputs,

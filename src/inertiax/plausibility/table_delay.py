@@ -1,5 +1,7 @@
 """The clock of a table against the device's: how late the stamps of its angles, or references in columns, are."""
 
+import dataclasses
+
 import numpy as np
 from jaxtyping import Float
 
@@ -27,7 +29,8 @@ def check_table_delay(device: DeviceLogs, limits: Thresholds) -> list[Finding]:
     if "gyro" in device.left_alone:
         return []
     if device.columns.table_angles is None:
-        return [f for log in device.logs if (f := _in_columns(log, limits)) is not None]
+        late = {k: f for k, log in enumerate(device.logs) if (f := _in_columns(log, limits))}
+        return [_with_remedy(f, device, late, limits) for f in late.values()]
     told = {k: found for k, log in enumerate(device.logs) if (found := _late(log)) is not None}
     drifts = drift_of_table(device, {k: sigma for k, (_, sigma) in told.items()}, limits)
     if drifts is not None:  # its lines hold the delay, too
@@ -84,9 +87,22 @@ def _in_columns(log: Log, limits: Thresholds) -> Finding | None:
     text = (
         f"{log.name}: the reference columns are {abs(late):.3f} s {side}, as the gyros turn: two clocks. References "
         f"are wrong while the table turns. Move reference_accel, reference_gyro and position by that "
-        f"({abs(late) / log.step:.3g} rows) towards the {'beginning' if late > 0 else 'end'} of the log."
+        f"({abs(late) / log.step:.3g} rows) towards the {'beginning' if late > 0 else 'end'} of the log, as [table] "
+        "delay does."
     )
     return finding("delay", "warning", "reference_gyro", text, seconds=late, std=sigma)
+
+
+def _with_remedy(
+    found: Finding, device: DeviceLogs, late: dict[int, Finding], limits: Thresholds
+) -> Finding:
+    """The finding with the line of `[table]` that mends it, where one number does for all logs of the device."""
+    each = [float(dict(f.evidence)["seconds"]) for f in late.values()]  # pyright: ignore[reportArgumentType]
+    alike = len(late) == len(device.logs) and np.ptp(each) < limits.table_delay
+    if not alike or isinstance(device.delay, tuple):
+        return found
+    line = f"[table]\ndelay = {device.delay + float(np.mean(each)):.3f}"
+    return dataclasses.replace(found, remedy=line)
 
 
 def _moves(speed: Float[np.ndarray, " rows"]) -> bool:

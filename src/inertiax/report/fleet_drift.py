@@ -30,6 +30,11 @@ def drift_sentence(triad: str, drift: Drift) -> str:
         f"{TRIAD_NAMES[triad]}: {before}; {beyond} of {count} changes are beyond {FAR:g} sigma, where chance alone "
         f"gives {by_chance}."
     )
+    if drift.extrapolated and drift.covered is not None:
+        at = ", ".join(f"{t:g}" for t in drift.extrapolated)
+        low, high = drift.covered
+        both = f"{low:.4g} to {high:.4g} °C" if low <= high else "no temperature in common"
+        said += f" At {at} °C curves go on beyond what both runs cover, {both}."
     if drift.taken_for:
         pairs = ", ".join(f"{new} as {old}" for new, old in drift.taken_for[:NAMED])
         more = ", …" if len(drift.taken_for) > NAMED else ""

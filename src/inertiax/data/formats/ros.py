@@ -44,6 +44,13 @@ _COMMAND = (
     'for m in [r.deserialize(raw, c.msgtype).{field}]]" > imu.csv'
 )
 
+# Bags of ROS 2 before Iron hold no definitions of messages; who recorded them has these.
+_UNTOLD = (
+    "; the bag does not hold what these types are: in a shell that knows them, `ros2 topic echo --csv {topic} > "
+    "imu.csv` beside `ros2 bag play '{bag}'` writes text, whose columns are to be named time, accel_x to _z (m/s^2) "
+    "and gyro_x to _z (rad/s)"
+)
+
 
 def is_bag(folder: Path) -> bool:
     """Whether a folder is a ROS 2 bag."""
@@ -144,8 +151,13 @@ def _cure(reader, kind: str, where: str) -> str:
         )
         if field is not None and _IN_A_COMMAND.fullmatch(f"{where}{connection.topic}"):
             return _COMMAND.format(field=field[1], topic=connection.topic, bag=where)
-    if all(c.msgtype in _types(True).fielddefs for c in reader.connections):
+    foreign = [c for c in reader.connections if c.msgtype not in _types(True).fielddefs]
+    if not foreign:
         return ""  # no type of its own, in which an IMU's could be
+    untold = [c.topic for c in foreign if not str(getattr(c.msgdef, "data", "")).strip()]
+    likely = sorted(untold, key=lambda topic: "imu" not in topic.lower())[:1]
+    if likely and _IN_A_COMMAND.fullmatch(f"{where}{likely[0]}"):
+        return _UNTOLD.format(topic=likely[0], bag=where)
     return (
         "; write accelerations (m/s^2) and rates (rad/s) as text: time, accel_x to _z, gyro_x to _z"
     )

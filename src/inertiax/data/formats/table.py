@@ -29,6 +29,7 @@ from .columns import (
     TriadColumns,
 )
 from .kept_rows import kept_rows
+from .late_references import at_their_moments
 from .mended_stamps import can_be_mended, mended
 from .numeric_columns import numbers, require
 from .table_references import references_of_table
@@ -72,9 +73,10 @@ def to_recordings(
         "current": _quantity(table, columns.current, "current", current_scale, name),
         "pressure": _quantity(table, columns.pressure, "pressure", pressure_scale, name),
     }
-    values |= references_of_table(
+    made = references_of_table(
         table, columns, layout, name, moving, values["time"], values["accel"]
     )
+    values |= made
     if all(values[triad] is None for triad in ("accel", "gyro", "mag")):
         raise ValueError(
             f"{name}: neither accel_x/y/z nor gyro_x/y/z among the columns {shown(table.columns)}; name "
@@ -85,6 +87,8 @@ def to_recordings(
         mine = {k: v[rows] for k, v in values.items() if v is not None}
         label = f"{name} (device {device})" if device else name
         mine["time"] = _clock(mine["time"], columns.time, name if not device else label)
+        if not made:
+            mine = at_their_moments(mine, layout.turntable)
         step = 0.0
         if "temperature" in mine:
             mine["temperature"], step = between_rows(mine["time"], mine["temperature"], label)

@@ -21,6 +21,7 @@ from ..selection.evidence import Candidate
 from ..selection.verdict import Answer, Named
 from .sentences import Said, sentence
 from .untold_channels import channel_odds, PARTED_BY as CHANNELS_PARTED_BY
+from .untold_earth import EARTH, earth_explains, SAID
 
 
 IN_SHORT = 3  # numbers that a summary says of an effect; more are in the list of its parameters
@@ -80,14 +81,17 @@ def _together(prepared: Prepared, entries: list[_Entry]) -> Explanation:
     where += _passed_once(prepared, lead.term) if effect.jump else ""
     of_the_station = effect.common and "rad" in effect.units.values()  # angles
     where += share_of_axes(prepared.axes) if of_the_station else ""
+    values, rivals = _parameters(entries), lead.rivals
+    if EARTH not in rivals and earth_explains(prepared, lead.term.name, dict(values)):
+        where, rivals = where + SAID, (*rivals, EARTH)
     untold = tuple(next((e.said.on_channels for e in entries if e.said.on_channels), ()))
     return Explanation(
         name=lead.term.name,
         channels=tuple(dict.fromkeys(c for e in entries for c in e.said.channels)),
         form=lead.term.variant.label,
-        alternatives=lead.rivals,
+        alternatives=rivals,
         odds=tuple(lead.said.odds),
-        parameters=_parameters(entries),
+        parameters=values,
         evidence=lead.evidence,
         statement=_sentences(effect, entries, math.inf) + where,
         separating_experiment=(CHANNELS_PARTED_BY if untold else "")

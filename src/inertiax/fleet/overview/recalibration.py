@@ -27,6 +27,16 @@ class Drift(eqx.Module):
     sigma: Float[np.ndarray, "devices grid parameters"]
     # Devices that now read as another one did before, with that one: serial numbers or files exchanged.
     taken_for: tuple[tuple[str, str], ...] = eqx.field(static=True, default=())
+    # °C, lowest and highest that both runs cover; `None` where no parameter follows temperature.
+    covered: tuple[float, float] | None = eqx.field(static=True, default=None)
+
+    @property
+    def extrapolated(self) -> tuple[float, ...]:
+        """The temperatures beyond those that both runs cover."""
+        if self.covered is None:
+            return ()
+        low, high = self.covered
+        return tuple(float(t) for t in self.temperatures if not low <= t <= high)
 
     @property
     def sigmas(self) -> Float[np.ndarray, "devices grid parameters"]:
@@ -74,6 +84,7 @@ def drift_between(
         second[0] - first[0],
         np.sqrt(first[1] + second[1] + common),
         _taken_for(new, first, second, common),
+        _covered(before, after),
     )
 
 
@@ -126,13 +137,19 @@ def _temperatures(
 ) -> Float[np.ndarray, " grid"]:
     if wanted is not None:
         return np.array(wanted, float)
-    ranges = [(m.low, m.high) for m in (before, after) if m.degree]
-    if not ranges:
+    covered = _covered(before, after)
+    if covered is None:
         return np.array([0.5 * (after.low + after.high)])
-    low, high = max(r[0] for r in ranges), min(r[1] for r in ranges)
+    low, high = covered
     if low > high:
         raise ValueError(f"{where}: the runs cover no common temperature; say at which to compare.")
     return np.array([low, 0.5 * (low + high), high]) if low < high else np.array([low])
+
+
+def _covered(before: TriadModel, after: TriadModel) -> tuple[float, float] | None:
+    """The temperatures, °C, that both runs cover; the low one above the high one where there are none."""
+    ranges = [(m.low, m.high) for m in (before, after) if m.degree]
+    return (max(r[0] for r in ranges), min(r[1] for r in ranges)) if ranges else None
 
 
 def _names(folder: Path) -> list[str]:
