@@ -65,7 +65,7 @@ cos, exp, expm1, log1p, sin, sqrt, square = map(
     _either, ("cos", "exp", "expm1", "log1p", "sin", "sqrt", "square")
 )
 max, mean, min, sum = map(_either, ("max", "mean", "min", "sum"))
-diff, einsum, gradient = map(_either, ("diff", "einsum", "gradient"))
+diff, einsum, gradient, searchsorted = map(_either, ("diff", "einsum", "gradient", "searchsorted"))
 
 
 def stack(arrays: Sequence[AnyArray], axis: int = 0) -> Any:
