@@ -38,8 +38,10 @@ class Beside:
     prepared: Prepared
     terms: tuple[Term, ...]
     stored: tuple[FittedEffect, ...]
-    named: tuple[Named, ...] = ()  # with the rivals that the data do not exclude
+    # With the rivals that the data do not exclude: those of `terms` in their order, then such as no size is told of.
+    named: tuple[Named, ...] = ()
     unknown: Unknown | None = None  # of their settings
+    withheld: tuple[Named, ...] = ()  # found, and not applied (`withheld_effects`)
 
     @classmethod
     def of(
@@ -60,7 +62,9 @@ class Beside:
         pairs = [(t, s) for t, s in pairs if id(t) in told]
         terms, stored = tuple(t for t, _ in pairs), tuple(s for _, s in pairs)
         unknown = unknown_settings(prepared, noise, terms, [spread[id(t)] for t in terms])
-        return cls(prepared, terms, stored, tuple(told.values()), unknown)
+        own = {id(t): told[id(t)] for t in terms}
+        every = (*own.values(), *(n for key, n in told.items() if key not in own))
+        return cls(prepared, terms, stored, every, unknown)
 
 
 def augmented_calibration(
@@ -130,7 +134,7 @@ def _widened(triad: TriadCalibration, one: Beside) -> TriadCalibration:
     The effects' covariance is carried to the parameters, and what their settings may be off by (`unknown_settings`).
     Where names are left that the data do not tell apart, the parameters would be others under another name: with the
     odds $p_k$ of a rival and the difference $d_k$ that its estimate makes, $\sum p_k d_k d_k^T$ is added, the mean
-    square about the calibration that is written.
+    square about the calibration that is written. A withheld effect is one of the names by which that one is off.
     """
     size, count = np.asarray(triad.curve.coefficients).shape
     covariance = np.array(triad.covariance, float)
@@ -141,19 +145,26 @@ def _widened(triad: TriadCalibration, one: Beside) -> TriadCalibration:
         slope = _slope(one.prepared, one.unknown.term, count, size)
         covariance += slope @ one.unknown.covariance @ slope.T
     for named in one.named:
-        lead = _shift(one.prepared, named.candidate, count, size)
+        lead = shift_by(one.prepared, named.candidate, triad)
         for part, rival in zip(named.odds[1:], named.rivals, strict=True):
             if rival.score.term is not rival.term:
                 continue  # kept for what it predicts, without a size of its own
-            apart = _shift(one.prepared, rival, count, size) - lead
+            apart = shift_by(one.prepared, rival, triad) - lead
             covariance += part * np.outer(apart, apart)
+    for named in one.withheld:
+        names = (named.candidate, *named.rivals)
+        for part, name in zip(named.odds, names, strict=True):
+            if name.score.term is name.term:
+                apart = shift_by(one.prepared, name, triad)
+                covariance += part * np.outer(apart, apart)
     return eqx.tree_at(lambda t: t.covariance, triad, covariance)
 
 
-def _shift(
-    prepared: Prepared, candidate: Candidate, count: int, size: int
+def shift_by(
+    prepared: Prepared, candidate: Candidate, triad: TriadCalibration
 ) -> Float[np.ndarray, " unknowns"]:
     """Change of the calibration's coefficients, row-major, by an effect of the size that it was found with."""
+    size, count = np.shape(triad.curve.coefficients)
     return _slope(prepared, candidate.term, count, size) @ candidate.score.coefficients
 
 
