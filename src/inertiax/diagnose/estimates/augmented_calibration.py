@@ -17,6 +17,7 @@ from jaxtyping import Float
 
 from ..._jax import eqx
 from ...calibrate.pipeline import calibrate_device, DeviceResult
+from ...calibrate.results import TriadResult
 from ...calibration.calibration import Calibration, TriadCalibration
 from ...calibration.fitted_effects import FittedEffect
 from ...effects import addition
@@ -28,6 +29,7 @@ from ..problem import Prepared, Problem
 from ..selection.evidence import Candidate
 from ..selection.verdict import Named
 from .applied_effects import fitted_effects
+from .at_elements import extrapolated
 from .unknown_settings import Unknown, unknown_settings
 
 
@@ -90,7 +92,7 @@ def augmented_calibration(
         triad = one.prepared.form.triad
         if getattr(found, triad) is None:
             continue  # one pose at one temperature: the effects are all that is told of the accelerometers
-        widened = _widened(getattr(found, triad), one)
+        widened = _widened(_extrapolated(getattr(found, triad), getattr(estimate, triad), one), one)
         found = eqx.tree_at(lambda c, t=triad: getattr(c, t), found, widened)
     stored = (effect for one in named for effect in one.stored)
     named_beside = replace(
@@ -126,6 +128,18 @@ def without_effects(log: Log, one: Beside) -> Log:
     # Where the device moves without a reference, an effect of the input may be no number; no row is made of it.
     output = getattr(log, triad) - np.where(np.isfinite(added), added, 0.0)
     return eqx.tree_at(lambda x: getattr(x, triad), log, output)
+
+
+def _extrapolated(
+    triad: TriadCalibration, fitted: TriadResult | None, one: Beside
+) -> TriadCalibration:
+    """The triad's calibration with what elements that were at other temperatures than the probe's take from it."""
+    fit = None if fitted is None else np.asarray(fitted.solution.covariance, float)
+    whole = np.asarray(triad.covariance, float)
+    if fit is None or fit.shape != whole.shape or not one.terms:
+        return triad
+    more = extrapolated(one.prepared, one.terms, fit, len(triad.names))
+    return eqx.tree_at(lambda t: t.covariance, triad, whole + more)
 
 
 def _widened(triad: TriadCalibration, one: Beside) -> TriadCalibration:
