@@ -5,7 +5,13 @@ import numpy as np
 import pytest
 
 from inertiax.data.recording import Campaign, ModelChoice, Recording, Site
-from inertiax.diagnose.estimates.at_elements import _inverse, extrapolated
+from inertiax.diagnose.estimates.at_elements import (
+    _inverse,
+    _normal,
+    _placed,
+    _places,
+    extrapolated,
+)
 from inertiax.diagnose.problem import prepare
 
 
@@ -38,38 +44,39 @@ def the_lag(prepared):
     return min(lags, key=lambda t: abs(np.log(t.setting / TAU)))
 
 
-def test_the_top_of_a_ramp_is_known_as_the_elements_tell_it(ramp):
-    problem, element = ramp
+def test_what_is_added_is_that_of_the_estimator(ramp):
+    """By hand: parameters by the elements' temperatures, and by the probe's of what those leave, M W⁻¹ Mᵀ."""
+    problem, _ = ramp
     (prepared,) = problem.triads
     lag = the_lag(prepared)
-    fit = _inverse(prepared.system, 12, 2)  # of white noise alone
-    more = extrapolated(prepared, [lag], fit, 12)
-    # By hand: bias and scale factor of y, each a line over temperature, at the elements' and at the probe's.
-    blocks, made = prepared.blocks, []
-    behind = prepared.blocks.mean(prepared.signal.temperature)
-    late = blocks.mean(
-        behind_by(
-            np.asarray(prepared.signal.time), np.asarray(prepared.signal.temperature), lag.setting
-        )
-    )
-    low, high = prepared.form.low, prepared.form.high
-    f = blocks.mean(np.asarray(prepared.signal.input)) * G
-    for temperature in (late, behind):
-        x = (2.0 * temperature - low - high) / (high - low)
+    signal, form, blocks = prepared.signal, prepared.form, prepared.blocks
+    probe = np.asarray(signal.temperature)
+    late = behind_by(np.asarray(signal.time), probe, lag.setting)
+    force, white = blocks.mean(np.asarray(signal.input)) * G, prepared.system.chains[1].white
+    solve, columns = [], []
+    for temperature in (late, probe):
+        x = (2.0 * blocks.mean(temperature) - form.low - form.high) / (form.high - form.low)
         line = np.column_stack([np.ones_like(x), x])
-        columns = np.concatenate([line, *(line * f[:, k : k + 1] for k in range(3))], axis=1)
-        made.append(np.linalg.inv(columns.T @ (columns / prepared.system.chains[1].white[:, None])))
-    told, taken = made[0][:2, :2], made[1][:2, :2]
-    top = np.ones(2)  # of the probe's range
-    ratio = (top @ told @ top) / (top @ taken @ top)
+        columns.append(
+            np.concatenate([line, *(line * force[:, k : k + 1] for k in range(3))], axis=1)
+        )
+        solve.append(np.linalg.inv((columns[-1].T / white) @ columns[-1]) @ (columns[-1].T / white))
+    by_elements, by_probe = solve
+    both = by_elements + by_probe @ (np.eye(len(white)) - columns[0] @ by_elements)
+    top = np.ones(2)  # bias of y at the end of the probe's range
+    variance = lambda m: top @ (m @ (white[:, None] * m.T))[:2, :2] @ top
+    ratio = variance(both) / variance(by_probe)
     assert ratio > 1.5  # the elements were 10 °C below it
-    own = np.ix_([1, 13], [1, 13])  # bias of y, of both powers
+    # The fit's own covariance, of white noise: zero but for y's bias, whose powers stand 12 apart.
+    fit = _placed(_inverse(_normal(prepared)), *_places(24, 12, 2), 24)
+    more = extrapolated(prepared, [lag], fit, 12)
+    own = np.ix_([1, 13], [1, 13])
     found = top @ (fit + more)[own] @ top / (top @ fit[own] @ top)
     # Where elements tell more than the probe's range does, at its cold end, nothing is taken off: 5 %.
     assert found == pytest.approx(ratio, rel=0.05)
+    assert np.linalg.eigvalsh(more).min() > -1e-12 * np.abs(more).max()
     # What dwells differ by beyond white noise makes a fit's variances larger, and what is added with them.
     np.testing.assert_allclose(extrapolated(prepared, [lag], 4.0 * fit, 12), 4.0 * more, rtol=1e-6)
-    assert np.linalg.eigvalsh(more).min() > -1e-12 * np.abs(more).max()
 
 
 def behind_by(time, temperature, constant):

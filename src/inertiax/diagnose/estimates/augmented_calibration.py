@@ -29,7 +29,7 @@ from ..problem import Prepared, Problem
 from ..selection.evidence import Candidate
 from ..selection.verdict import Named
 from .applied_effects import fitted_effects
-from .at_elements import extrapolated
+from .at_elements import extrapolated, left_to_the_probe
 from .unknown_settings import Unknown, unknown_settings
 
 
@@ -156,7 +156,10 @@ def _widened(triad: TriadCalibration, one: Beside) -> TriadCalibration:
         slope = _slope(one.prepared, term, count, size)
         covariance += slope @ np.asarray(stored.covariance) @ slope.T
     if one.unknown is not None:
-        slope = _slope(one.prepared, one.unknown.term, count, size)
+        seen, term = one.unknown.prepared, one.unknown.term
+        slope = _slope(seen, term, count, size)
+        if seen is not one.prepared:
+            slope = slope + _slope(one.prepared, left_to_the_probe(seen, term), count, size)
         covariance += slope @ one.unknown.covariance @ slope.T
     for named in one.named:
         lead = shift_by(one.prepared, named.candidate, triad)
