@@ -1,5 +1,6 @@
 """The fit's covariance by source against the error budget, which differentiates the answer; sources in closed form."""
 
+import dataclasses
 import math
 
 import numpy as np
@@ -17,12 +18,13 @@ from inertiax.calibrate.split_covariance import (
     SLOW,
     split,
 )
-from inertiax.data.recording import Campaign, Recording, Rig, Site
+from inertiax.data.recording import Campaign, ModelChoice, Recording, Rig, Site
 from inertiax.protocol.expanded_uncertainty import coverage_factor
 from inertiax.protocol.make_record import record_of
 from inertiax.protocol.record import StationRecord, TriadRecord
 from inertiax.protocol.results import reference_temperatures, results_at
 from inertiax.protocol.sources_at import contributions, symmetric
+from inertiax.reduction.rounded_temperature import hidden_by_steps
 
 
 GRAVITY, ANGLE = 9.81, 2e-4
@@ -160,3 +162,29 @@ def test_temperatures_outside_the_range_are_refused():
     ):
         reference_temperatures(calibration, (20.0, 50.0))
     assert reference_temperatures(calibration, (5.0,)) == (5.0,)
+
+
+def test_what_the_probes_steps_hide_has_its_line(tmp_path):
+    """A log in whole degrees: the parts are the whole covariance again, and one of them is the steps'."""
+    one = campaign(referenced=False, moved=0.0, temperatures=(0.0, 20.0, 40.0))
+    (recording,) = one.recordings
+    time = np.asarray(recording.time)
+    whole = np.round(np.interp(time, [time[0], time[-1]], [0.0, 40.0]))[:, None]
+    log, model = (
+        dataclasses.replace(recording, temperature=whole),
+        ModelChoice(temperature_degree=1),
+    )
+    stepped = Campaign((log,), one.site, model=model)
+    result = calibrate_device(stepped)
+    (tmp_path / "calibration.json").write_text("{}")
+    record = record_of(result, stepped, tmp_path, "inertiax calibrate", ())
+    triad = result.calibration.accel
+    (at,) = results_at(result.calibration, record, (20.0,))[:1]
+    hidden = hidden_by_steps(stepped.recordings)
+    slope = float((triad.over(np.array([20.1]))[0] - triad.over(np.array([19.9]))[0])[0, 0]) / 0.2
+    # Central differences of a polynomial of at most degree 2 are exact but for rounding.
+    assert dict(at.budget)["probe steps"] == pytest.approx(hidden * abs(slope), rel=1e-4)
+    basis = np.asarray(triad.curve.basis(20.0))
+    own = [k * len(triad.names) for k in range(len(basis))]
+    total = basis @ np.asarray(triad.covariance)[np.ix_(own, own)] @ basis
+    assert at.std == pytest.approx(math.sqrt(float(total)), rel=1e-6)

@@ -20,6 +20,7 @@ from inertiax.protocol.make_record import record_of
 from inertiax.protocol.record import Record, StationRecord, TriadRecord
 from inertiax.protocol.results import Result, results_at
 from inertiax.protocol.sources_at import contributions
+from inertiax.reduction.rounded_temperature import hidden_by_steps
 from inertiax.report.calibration import report_calibration
 from protocol_fleet_cases import DEVICES, RATE, SAMPLES, write_line
 
@@ -150,3 +151,26 @@ def test_a_run_of_an_older_version_is_read(home, tmp_path):
     assert record.conditions.samples is None
     scale = _stated(calibration, record)["gyro.matrix[0,0]"]
     assert {s for s, _ in scale.budget} == {"fit", "rig rate"} and scale.std > RATE
+
+
+@pytest.mark.slow
+def test_what_the_probes_steps_hide_is_that_of_calibrate(tmp_path):
+    """A probe in whole degrees: the run keeps what the steps hide, and the budget has its line."""
+    line = write_line(tmp_path / "line")
+    toml = line / "U1" / "campaign.toml"
+    for device in DEVICES:
+        for log in (line / device).glob("*.csv"):
+            table = pl.read_csv(log)
+            ramp = np.linspace(0.0, 12.0, table.height)
+            bias = [pl.col("accel_x") + 1e-3 * ramp, pl.Series("temperature", np.round(ramp))]
+            table.with_columns(bias).write_csv(log)
+        text = toml.read_text().replace("temperature_degree = 0", "temperature_degree = 1")
+        (line / device / "campaign.toml").write_text(text)
+    run_fleet(line, tmp_path / "run")
+    calibration, record = fleet_measurement(tmp_path / "run", "U1")
+    own = load_campaign(line / "U1")
+    hidden = hidden_by_steps(own.recordings)
+    assert hidden > 0.05 and record.accel.hidden_by_steps == pytest.approx(hidden)
+    stated = _stated(calibration, record)["accel.bias[0]"]
+    # The slope is 1e-3 m/s²/°C, which the fit knows to a percent.
+    assert dict(stated.budget)["probe steps"] == pytest.approx(1e-3 * hidden, rel=0.05)

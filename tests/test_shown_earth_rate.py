@@ -1,5 +1,7 @@
 """Gyros that show no Earth's rate at rest, or do not tell whether they do."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -96,3 +98,19 @@ def test_earths_rate_that_the_gyros_do_not_show_is_told_and_left_in_their_means(
             assert told == []
             np.testing.assert_allclose(np.linalg.norm(taken, axis=1), UP, rtol=1e-6)
             np.testing.assert_allclose(np.linalg.norm(earth, axis=1).max(), UP, rtol=1e-6)
+
+
+def test_rows_that_count_in_no_dwell_do_not_tell_a_diagnosis_either():
+    """Gyros without Earth's rate that are knocked in each rest: by all rows they would not tell whether it is there."""
+    campaign = at_rest(0.0)
+    (recording,) = campaign.recordings
+    (part,) = segment_each(campaign.recordings)
+    knocked, gyro = np.zeros(recording.num_samples, bool), np.array(recording.gyro)
+    for a in part.start[part.resting]:
+        knocked[a + 90 : a + 110] = True
+    gyro[knocked] += np.repeat(np.random.default_rng(4).normal(0.0, 0.02, (24, 3)), 20, axis=0)
+    log = dataclasses.replace(recording, gyro=gyro)
+    segments = (dataclasses.replace(part, used=part.used & ~knocked),)
+    dwells = reduce_to_dwells([log], segments=segments)
+    assert without_vertical_earth_rate(dwells, SITE) is dwells
+    assert earth_taken_away([log], segments, SITE) is None

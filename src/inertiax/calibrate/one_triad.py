@@ -9,8 +9,14 @@ from .._jax import eqx, jax, optx
 from ..data.recording import Rig
 from ..estimators import AbstractEstimator, ESTIMATORS, NOMINAL_SIGMA
 from ..model_selection.select_model import ChosenModel, polynomial_basis
-from ..model_selection.temperature_degree import biases_follow, choose_degree, SPARE, UNDETERMINED
-from ..physics.temperature import AbstractBasis
+from ..model_selection.temperature_degree import (
+    biases_follow,
+    choose_degree,
+    SPARE,
+    temperature_levels,
+    UNDETERMINED,
+)
+from ..physics.temperature import AbstractBasis, Constant
 from ..procedure.convergence import convergence_rate, rate_warning
 from ..procedure.single_device import iterate_one, joint_fit_one, Problem
 from ..procedure.thermal_iterations import iterate, PaperIteration, ThermalSolution
@@ -31,6 +37,7 @@ from .slow_noise import SlowNoise, with_slow_noise
 
 
 Progress = Callable[[str], None]
+FEW_TEMPERATURES = "too few temperatures"
 NO_RIG = Rig()  # that promises nothing
 
 
@@ -192,9 +199,10 @@ def require_observable(
         "" if basis.size == 1 else f" ({estimator.num_parameters} at each of {basis.size} terms)"
     )
     if rows < unknowns:
+        few = _too_few_for_the_degree(estimator, basis, dwells)
         raise ValueError(
-            f"{estimator.triad}: too few positions: {dwells.num_dwells} dwells give {rows} equations "
-            f"for {unknowns} unknowns{temperature}; record more positions in different orientations."
+            f"{estimator.triad}: {few[0]}: {dwells.num_dwells} dwells give {rows} equations "
+            f"for {unknowns} unknowns{temperature}; {few[1]}."
         )
     if rows < unknowns + spare:
         raise TooHighDegree(
@@ -204,12 +212,42 @@ def require_observable(
         )
     seen = judge_normal(problem.normal(ideal.jacobian), estimator.names, basis.size)
     if seen.rank < seen.unknowns:
+        few = _too_few_for_the_degree(estimator, basis, dwells)
+        if few[0] == FEW_TEMPERATURES:
+            raise ValueError(
+                f"{estimator.triad}: {few[0]} do not determine {seen.unknowns - seen.rank} of {seen.unknowns} "
+                f"unknowns{temperature}; {few[1]}."
+            )
         raise ValueError(
             f"{estimator.triad}: the positions do not determine {seen.unknowns - seen.rank} of "
             f"{seen.unknowns} unknowns{temperature}: {'; '.join(seen.unseen[:3])}; {_more(estimator, basis, dwells)}"
             f"{_biases_alone(estimator, problem, ideal.jacobian)}."
         )
     return seen
+
+
+def _too_few_for_the_degree(
+    estimator: AbstractEstimator, basis: AbstractBasis, dwells: Dwells
+) -> tuple[str, str]:
+    """What there is too little of, and what helps: temperatures or dwells where the positions by themselves determine a
+    model without temperature, else positions."""
+    problem = Problem(estimator, Constant(), dwells)
+    ideal = problem.at(np.zeros((1, estimator.num_parameters)))
+    alone = judge_normal(problem.normal(ideal.jacobian), estimator.names, 1)
+    if basis.size == 1 or alone.rank < alone.unknowns:
+        return "too few positions", "record more positions in different orientations"
+    levels = temperature_levels(np.asarray(dwells.temperature)[np.asarray(dwells.valid)])
+    degree, least = basis.size - 1, "use a lower degree (0 for constants)"
+    if levels <= degree:
+        many = f"at {levels} temperatures" if levels > 1 else "all at one temperature"
+        return FEW_TEMPERATURES, (
+            f"the positions suffice, but they are {many}, and temperature_degree = {degree} needs {basis.size}; "
+            f"{least}, or record the positions at more temperatures"
+        )
+    return "too few dwells for the temperature_degree", (
+        f"the positions suffice for constants, but not for temperature_degree = {degree}: {least}, or record more "
+        "positions at each temperature"
+    )
 
 
 def _more(estimator: AbstractEstimator, basis: AbstractBasis, dwells: Dwells) -> str:

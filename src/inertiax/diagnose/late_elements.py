@@ -18,7 +18,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ..effects import CATALOGUE, Variant
-from ..effects.effect import lag
+from ..effects.thermal_lag import element_behind
 from ..model_selection.model_spec import LEAST_SPAN
 from ..model_selection.temperature_degree import HIGHEST_DEGREE, temperature_levels
 from ..procedure.rank import has_full_rank
@@ -111,7 +111,7 @@ def element_at_dwells(
     signal, blocks = prepared.signal, prepared.blocks
     assert signal.temperature is not None
     constant = float(variant.settings["time_constant"])
-    element = np.asarray(lag(signal.time, signal.temperature, constant))
+    element = np.asarray(element_behind(signal, constant))
     since = np.asarray(signal.rows_for)
     cycle = np.cumsum(np.r_[False, np.diff(since) < 0.0])
     left = np.exp(-since / constant)[:, None] * (cycle[:, None] == np.arange(1, cycle[-1] + 1))

@@ -39,6 +39,7 @@ from .estimates.moved_parameters import moved_between
 from .estimates.parameters import moved
 from .estimates.transients import burst_places
 from .estimates.tuned_names import tuned
+from .estimates.withheld_effects import with_likely_applied, withheld_sentence
 from .findings import find, find_all, find_in_motions, Finding, Progress, silent
 from .noise.pooled_channels import TOLD
 from .noise.reml import interval_noise
@@ -157,12 +158,14 @@ def _calibrated(
     if found.verdict != "missing-physics":
         return with_part_late(found, problem), plain
     found = with_part_late(found, problem, named)
+    named = [with_likely_applied(one, plain) for one in named]
     log = problem.log
     delays = [f.delay for f in findings if f.delay is not None]
     forms = {f.prepared.form.triad: f.prepared.form for f in findings}
     further = [e for d in delays for e in stored(d, log, forms[d.triad])]
     further += [e for p in problem.triads for e in stored_lines(p.lines, log, p.form)]
     left = [text for text in map(not_applied, found.effects) if text]
+    left += [withheld_sentence(n) for one in named for n in one.withheld]
     found = replace(found, not_applied=tuple(left))
     fitted = {(s.name, c) for one in named for s in one.stored for c in s.channel_names}
     for e in found.effects:

@@ -52,8 +52,8 @@ def _new(name: str) -> Callable[..., Any]:
 
 
 # By the names of both libraries, those of Python's own functions among them.
-zeros, zeros_like, ones_like, full, eye = map(
-    _new, ("zeros", "zeros_like", "ones_like", "full", "eye")
+zeros, zeros_like, ones_like, full, full_like, eye = map(
+    _new, ("zeros", "zeros_like", "ones_like", "full", "full_like", "eye")
 )
 asarray, broadcast_to, concatenate, roll, where = map(
     _either, ("asarray", "broadcast_to", "concatenate", "roll", "where")
@@ -65,7 +65,7 @@ cos, exp, expm1, log1p, sin, sqrt, square = map(
     _either, ("cos", "exp", "expm1", "log1p", "sin", "sqrt", "square")
 )
 max, mean, min, sum = map(_either, ("max", "mean", "min", "sum"))
-diff, einsum, gradient = map(_either, ("diff", "einsum", "gradient"))
+diff, einsum, gradient, searchsorted = map(_either, ("diff", "einsum", "gradient", "searchsorted"))
 
 
 def stack(arrays: Sequence[AnyArray], axis: int = 0) -> Any:

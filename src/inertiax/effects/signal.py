@@ -45,6 +45,9 @@ class Signal(Module):
     ahead: Float[AnyArray, " time"] | None = None
     # s since a power-on or the end of a pause in which nobody recorded the temperature; `None`: as `since_power`
     since_pause: Float[AnyArray, " time"] | None = None
+    # s since the first row, or since the end of a pause after which elements begin in equilibrium with the probe, for
+    # nobody recorded how it came to its temperature; `None`: since the first row
+    since_anew: Float[AnyArray, " time"] | None = None
     at_temperature: Callable[[Float[AnyArray, " time"]], Float[AnyArray, "time 3"]] | None = None
     # E + Γ at a temperature in the middle: by rows the elements' own axes; `None` where they are the case's
     axes: Float[AnyArray, "3 3"] | None = None

@@ -16,19 +16,29 @@ from .signal import Signal
 
 SPREAD = (0.25, 0.5, 1.0, 1.5, 2.0)  # half-widths of the plays side by side, in radii
 PAIR = (1.0, 5.0)
+# Of the range, by which a log begins away from the room: the play from there on is at its end, and below it a form of
+# its own would hardly differ from the middle.
+AWAY = 0.1
 LEAST = 2.0  # °C, a range of temperature that can hold a loop
 
 
+# °C, at which devices lie between uses (ISO 1). A log that begins cold begins on the branch that was cooled down.
+ROOM = 20.0
+
+
 def shape(
-    signal: Signal, *, radius: Scalar | float, loop: str, on: str
+    signal: Signal, *, radius: Scalar | float, loop: str, on: str, start: str = "middle"
 ) -> Float[AnyArray, "time channels columns"]:
     """Play operator of half-width `radius` (part of the temperature range) less the temperature
     itself, scaled to ±1; Rayleigh's parabolic loop, whose branch turns after `radius`; or plays side by
-    side (Prandtl and Ishlinskii): in equal parts, or a narrow and a wide one with a coefficient each."""
+    side (Prandtl and Ishlinskii): in equal parts, or a narrow and a wide one with a coefficient each.
+
+    The log's first temperature is in the middle of each play, or with `start` "room" it was come to from `ROOM`.
+    """
     t = xp.asarray(signal.temperature)
     low, high = xp.min(t), xp.max(t)
     radius = xp.asarray(radius)
-    leads = [_lead(t, part * radius * (high - low)) for part in _parts(loop)]
+    leads = [_lead(t, part * radius * (high - low), start) for part in _parts(loop)]
     lead = _loop(xp.stack(leads, axis=-1), t, low, high, loop)
     if on == "bias":
         return lead[:, None, :]
@@ -56,8 +66,13 @@ def _loop(
     return lead
 
 
-def _lead(temperature: Float[AnyArray, " time"], width: Scalar | float) -> Float[AnyArray, " time"]:
-    return (play(temperature, width) - temperature) / width
+def _lead(
+    temperature: Float[AnyArray, " time"], width: Scalar | float, start: str
+) -> Float[AnyArray, " time"]:
+    if start == "middle":
+        return (play(temperature, width) - temperature) / width
+    before = xp.full_like(temperature[:1], ROOM)
+    return (play(xp.concatenate([before, temperature]), width)[1:] - temperature) / width
 
 
 def variants(signal: Signal) -> tuple[Variant, ...]:
@@ -68,12 +83,24 @@ def variants(signal: Signal) -> tuple[Variant, ...]:
     """
     if np.ptp(np.asarray(signal.temperature)) < LEAST:
         return ()
+    temperature = np.asarray(signal.temperature)
+    away = abs(float(temperature[0]) - ROOM) > AWAY * np.ptp(temperature)
     forms = [("play", r) for r in (0.02, 0.05, 0.1, 0.16, 0.24, 0.33, 0.45)]
     forms += [("Rayleigh", 0.02), ("spread", 0.1), ("spread", 0.16), ("pair", 0.05)]
-    return tuple(
-        Variant(f"{on}, {loop} {r:g}", {"radius": r, "loop": loop, "on": on})
-        for on in ("bias", "scale")
-        for loop, r in forms
+    from_room = [("play", r) for r in (0.05, 0.1, 0.16, 0.24)] if away else []
+    return (
+        *(
+            Variant(f"{on}, {loop} {r:g}", {"radius": r, "loop": loop, "on": on})
+            for on in ("bias", "scale")
+            for loop, r in forms
+        ),
+        *(
+            Variant(
+                f"bias, {loop} {r:g} from room temperature",
+                {"radius": r, "loop": loop, "on": "bias", "start": "room"},
+            )
+            for loop, r in from_room
+        ),
     )
 
 
@@ -87,8 +114,9 @@ def _follow(
     low, high = xp.asarray(moment.coldest), xp.asarray(moment.warmest)
     t = xp.clip(xp.asarray(moment.temperature), low, high)
     widths = xp.asarray(_parts(settings["loop"])) * settings["radius"] * (high - low)
-    # The play begins in the middle, at the temperature within the range.
-    state = xp.where(moment.first, t, state)
+    # The play begins in the middle, at the temperature within the range, or comes from the room's.
+    begun = t if settings.get("start", "middle") == "middle" else xp.full_like(t, ROOM)
+    state = xp.where(moment.first, begun, state)
     state = xp.clip(state, t - widths, t + widths)
     lead = _loop((state - t) / widths, t, low, high, settings["loop"])
     if settings["on"] == "bias":

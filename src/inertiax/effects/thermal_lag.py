@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from .._typing import AnyArray, Scalar
 from . import arrays as xp
@@ -13,7 +13,27 @@ from .moment import Moment, Online
 from .signal import Signal
 
 
+PAUSE = 30.0  # s between rows, from which on the power may have been off (convention)
+JOINT = 5.0  # °C from one row to the next, which no device does
+# s, in which a chamber at a slow 0.5 °C/min goes by `JOINT` and may come back: its course is then untold whatever the
+# ends say.
+AWAY = 600.0
 SHORTEST = 6.0  # s; sensors lag by more, and what is shorter looks like a disturbance
+
+
+def element_behind(signal: Signal, time_constant: Scalar | float) -> Float[AnyArray, " time"]:
+    """Temperature of elements that follow the probe (°C), in equilibrium at the start and where `since_anew` is zero.
+
+    From a moment on both courses differ by what they differed there, and by $e^{-t/\\tau}$ of it after t s.
+    """
+    time, probe = xp.asarray(signal.time), xp.asarray(signal.temperature)
+    element = lag(time, probe, time_constant)
+    if signal.since_anew is None:
+        return element
+    since = xp.asarray(signal.since_anew)
+    # Half of the finest step, 100 kHz, before it: the difference of two times is rounded.
+    first = xp.searchsorted(time, time - since - 5e-6)
+    return element + (probe - element)[first] * xp.exp(-since / time_constant)
 
 
 def shape(
@@ -25,7 +45,7 @@ def shape(
     """
     probe, outputs = signal.temperature, signal.at_temperature
     assert probe is not None and outputs is not None  # `requires` names both
-    element = lag(signal.time, probe, time_constant)
+    element = element_behind(signal, time_constant)
     if signal.ahead is not None:
         left = xp.exp(-xp.asarray(signal.rows_for) / time_constant)
         element = element + xp.asarray(signal.ahead) * left
@@ -44,11 +64,24 @@ def _begin(settings: Mapping[str, Any], temperature: AnyArray) -> tuple[AnyArray
     return temperature, temperature
 
 
+def is_anew(
+    pause: AnyArray | Scalar | float, change: AnyArray | Scalar | float
+) -> Bool[AnyArray, "..."] | bool | np.bool:
+    """Whether elements begin in equilibrium after a pause of so many s at whose ends the probe differs by `change`, °C.
+
+    A chamber that is led to another temperature while nobody records goes there soon and is waited for: a straight line
+    over the pause, which is good for small changes, has late elements behind at its end.
+    """
+    return (pause > PAUSE) & ((abs(change) > JOINT) | (pause > AWAY))
+
+
 def _follow(
     state: tuple[AnyArray, AnyArray], moment: Moment, settings: Mapping[str, Any]
 ) -> tuple[tuple[AnyArray, AnyArray], Float[AnyArray, "channels columns"]]:
     probe = xp.asarray(moment.temperature)
+    anew = is_anew(xp.asarray(moment.step), probe - state[1])
     state = lag_step(state, probe, moment.step, settings["time_constant"])
+    state = (xp.where(anew, probe, state[0]), state[1])
     return state, (moment.at_temperature(state[0]) - moment.at_temperature(probe))[:, None]
 
 

@@ -27,6 +27,7 @@ from ..model_selection.poses import directions
 from ..model_selection.select_model import choose_model, settle_accel
 from ..physics.temperature import AbstractBasis
 from ..reduction.dwells import Dwells
+from ..reduction.rounded_temperature import with_rounding
 from .copies import MARK, marks_of
 from .covariance_by_source import row_of, SUFFIXES
 from .lever_arms import lever_arm_columns
@@ -34,7 +35,7 @@ from .model_choice import columns_of, LineModel, TRIALS
 from .reduce.campaign_folders import campaigns_of
 from .reduce.raw_rows import recordings_of
 from .reduce.tasks import Task
-from .rows import Columns, empty_table, lacking, recorded_columns, table_of
+from .rows import Columns, empty_table, HIDDEN, lacking, recorded_columns, table_of
 from .solve.triad_model import basis_of, TriadModel
 from .store import Manifest
 
@@ -277,6 +278,7 @@ def _row(result: DeviceResult, manifest: Manifest) -> Columns:
 def _documents(result: DeviceResult, campaign: Campaign, manifest: Manifest) -> Columns:
     """What a protocol states beside the estimates, by column of the results' table."""
     columns = recorded_columns([recorded(campaign.recordings, result.warnings)])
+    columns[HIDDEN] = [with_rounding(campaign.rig, campaign.recordings).hidden_by_steps]
     for triad in ("accel", "gyro"):
         model: TriadModel | None = getattr(manifest, triad)
         found: TriadResult | None = getattr(result, triad)

@@ -37,6 +37,7 @@ from .store import Manifest
 
 Observer = Callable[[str, FleetScores], None]  # triad, scores
 Columns = dict[str, Any]  # of the results' table: arrays and lists
+HIDDEN = "hidden_by_steps"  # °C, 1 sigma: what the probe's steps hide
 
 
 def calibrate_reduced(
@@ -81,6 +82,8 @@ def _columns(stack: Stack, manifest: Manifest, observe: Observer | None) -> Colu
         "temperature_high": temperature.max(axis=1),
     }
     columns["reservation"] = _gaps(together, manifest)
+    if manifest.documented:
+        columns[HIDDEN] = _hidden(stack)
     reasons: list[str] = [""] * len(stack.members)
     for estimator, model in estimators_of(manifest, together):
         triad, basis = estimator.triad, basis_of(model)
@@ -123,9 +126,13 @@ def _gaps(dwells: Dwells, manifest: Manifest) -> list[str | None]:
 
 def _probe_sigma(stack: Stack, manifest: Manifest) -> Float[np.ndarray, " devices"]:
     """1 sigma of each device's temperatures, °C, as `reduction.rounded_temperature.probe_sigma`."""
-    hidden, promised = stack.dwells.hidden_by_steps, manifest.rig[2]
-    own = np.zeros(len(stack.counts)) if hidden is None else np.asarray(hidden)[:, 0]
-    return np.hypot(own, promised)
+    return np.hypot(_hidden(stack), manifest.rig[2])
+
+
+def _hidden(stack: Stack) -> Float[np.ndarray, " devices"]:
+    """What the probes' steps hide, °C, 1 sigma."""
+    hidden = stack.dwells.hidden_by_steps
+    return np.zeros(len(stack.counts)) if hidden is None else np.asarray(hidden)[:, 0]
 
 
 def _with_probe_error(
@@ -256,7 +263,7 @@ def empty_table(manifest: Manifest) -> pl.DataFrame:
     if manifest.documented:
         schema |= {"recordings": pl.Int64(), "samples": pl.Int64(), "seconds": pl.Float64()}
         schema |= {"experiments": pl.Int64(), "warnings": pl.List(pl.String)}
-        schema |= {k: pl.Float64() for k in ("begin", "end", "sample_rate")}
+        schema |= {k: pl.Float64() for k in ("begin", "end", "sample_rate", HIDDEN)}
     if manifest.own_words:
         schema |= {k: pl.List(pl.String) for k in ("choices", "reservations")}
     if manifest.model is not None and manifest.model.lever_arms:

@@ -11,6 +11,7 @@ from ..reduction.segments import Segments
 from .accel_unit import check_accel_unit
 from .azimuth import check_azimuth
 from .band_limit import check_band_limit
+from .bench_vibration import check_bench_vibration
 from .brief_rests import check_brief_rests
 from .clock import check_clock
 from .converter import check_converter
@@ -84,6 +85,7 @@ CHECKS: tuple[Check, ...] = (
     check_repeated_samples,
     check_interleaved_devices,
     check_band_limit,
+    check_bench_vibration,
     check_converter,
 )
 

@@ -74,6 +74,11 @@ class Thresholds:
     spectrum_falls: float = (
         1.7  # ratio; one pole at half the sampling rate's half has 1.8, chance 1.3
     )
+    # A line at rest against the noise: from there on it, not the sensor, decides how rests scatter.
+    line_over_noise: float = 1.0  # ratio of their rms
+    # Of its power to that of the bins beside it: of 30 spectra chance makes 1.6, and a resonance that a filter or a
+    # bench has is wider.
+    line_over_floor: float = 20.0
     spike: float = 8.0  # robust standard deviations from the rest's median
     tilt_in_rest: float = 2.0e-3  # rad (0.11 degrees) that a rest turns from end to end
     labels_off: float = 0.3  # share of rests that begin (end) with motion

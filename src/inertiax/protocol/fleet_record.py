@@ -22,6 +22,7 @@ from ..fleet.covariance_by_source import parts_of
 from ..fleet.input_hashes import FleetInputs, read_inputs
 from ..fleet.reduce.tasks import Stretch
 from ..fleet.results import calibration_of, fleet_calibration
+from ..fleet.rows import HIDDEN
 from ..fleet.store import Manifest, read_manifest, read_parts
 from ..fleet.verdicts import device_findings, device_verdict
 from ..storage.wrong_value import WrongValue
@@ -187,4 +188,5 @@ def _triad(row: dict, calibration: Calibration, name: str) -> TriadRecord | None
         degrees_of_freedom=max(degrees or 0, 1),
         sources=tuple(source_record(part) for part in parts_of(row, name)),
         undecidable=undecidable(unit, row[f"{name}_rms"], math.sqrt(row[f"{name}_chi2_per_dof"])),
+        hidden_by_steps=row.get(HIDDEN) or 0.0,  # not kept by earlier runs
     )

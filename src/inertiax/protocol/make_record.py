@@ -22,6 +22,7 @@ from ..data.recorded import recorded
 from ..data.recording import Campaign, Rig
 from ..reduction.earth_at_rest import is_known
 from ..reduction.handling import left_out_sentence
+from ..reduction.rounded_temperature import probe_sigma, with_rounding
 from .record import (
     ConditionsRecord,
     digest_of,
@@ -156,12 +157,13 @@ def _triad(
     if result is None or fitted is None or written is None:
         return None
     fit = fit_of(result)
-    parts = split(fit, campaign.rig)
+    rig = with_rounding(campaign.rig, campaign.recordings)
+    parts = split(fit, rig)
     if parts and result.estimator.triad == "gyro" and is_known(result.dwells, campaign.site):
         heading = heading_covariance(fitted, result.dwells, campaign.site)
         parts = (*parts, Part(HEADING, math.inf, heading))
     if parts and written is not fitted:
-        parts = _with_rest(parts, written, campaign.rig.temperature_uncertainty or 0.0, beside)
+        parts = _with_rest(parts, written, probe_sigma(rig), beside)
     return TriadRecord(
         dwells=result.dwells.num_dwells,
         turns=int(np.sum(np.asarray(result.dwells.position) < 0)),
@@ -171,6 +173,7 @@ def _triad(
         degrees_of_freedom=residual_degrees(fit),
         sources=tuple(source_record(p) for p in parts),
         undecidable=_undecidable(result, quality),
+        hidden_by_steps=rig.hidden_by_steps,
     )
 
 

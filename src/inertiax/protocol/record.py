@@ -42,6 +42,7 @@ class TriadRecord(_Strict, frozen=True):
     degrees_of_freedom: int  # of the residuals
     sources: tuple[SourceRecord, ...]  # none where the fit's covariance is not split
     undecidable: str | None = None  # in words why no requirement on the triad is decided
+    hidden_by_steps: float = 0.0  # °C, 1 sigma: what the probe's steps hide of the temperature
 
 
 class StationRecord(_Strict, frozen=True):

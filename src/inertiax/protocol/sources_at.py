@@ -1,9 +1,10 @@
 """What each source of uncertainty gives to a triad's parameters at given temperatures.
 
-The fit's parts come from the record. Three sources are known in closed form from the calibration itself, to first
+The fit's parts come from the record. Four sources are known in closed form from the calibration itself, to first
 order in their 1 sigma:
 
     probe offset σ_T      u = σ_T |dθ/dT|                 every parameter
+    probe steps σ_s       u = σ_s |dθ/dT|                 every parameter
     rig rate ρ            u = ρ |(E + Θ)ᵢⱼ|                the gyros' matrix
     reference g, σ_g      u = (σ_g / g) |(E + Γ)ᵢⱼ|        the accelerometers' matrix
 
@@ -28,7 +29,7 @@ from ..physics.temperature import AbstractBasis
 from .record import StationRecord, TriadRecord
 
 
-FIT, PROBE, GRAVITY = "fit", "probe offset", "reference g"
+FIT, PROBE, STEPS, GRAVITY = "fit", "probe offset", "probe steps", "reference g"
 # Estimators that compare with g, so that its error is a common scale factor.
 BY_GRAVITY = ("invariant", "reference")
 
@@ -59,8 +60,11 @@ def contributions(
         blocks = covariance.reshape(size, count, size, count)
         return np.sqrt(np.maximum(np.einsum("ta,aibi,tb->ti", phi, blocks, phi), 0.0))
 
-    sigma = station.temperature_uncertainty or 0.0
-    probe = probe_covariance(triad.curve.coefficients, triad.curve.basis, sigma)
+    of_probe = {PROBE: station.temperature_uncertainty or 0.0, STEPS: record.hidden_by_steps}
+    probe = {
+        source: probe_covariance(triad.curve.coefficients, triad.curve.basis, sigma)
+        for source, sigma in of_probe.items()
+    }
     found = [
         Contribution(s.source, math.inf if s.degrees_of_freedom is None else s.degrees_of_freedom,
                      at(symmetric(s.covariance)))
@@ -68,10 +72,9 @@ def contributions(
         if s.source != RATE
     ]  # fmt: skip
     if not record.sources:
-        rest = np.asarray(triad.covariance, float) - probe
+        rest = np.asarray(triad.covariance, float) - sum(probe.values())
         found.append(Contribution(FIT, max(float(record.degrees_of_freedom), 1.0), at(rest)))
-    if np.any(probe):
-        found.append(Contribution(PROBE, math.inf, at(probe)))
+    found += [Contribution(s, math.inf, at(c)) for s, c in probe.items() if np.any(c)]
     for source, relative in _common_scale(triad, record, station, gravity_uncertainty):
         values = phi @ np.asarray(triad.curve.coefficients)
         slope = values + np.array([float(_on_diagonal(n)) for n in triad.names])

@@ -32,6 +32,7 @@ from ..observations.signals import (
     _vibration as rest_vibration,
     room_axes,
     since,
+    since_anew,
     smooth_temperature,
 )
 from ..problem import Prepared
@@ -242,7 +243,7 @@ class Course(eqx.Module):
             rate=None if log.gyro is None else rate, room=room, upright=upright, oriented=oriented, vibration=vibration,
             at_temperature=None if degree == 0 else OutputsAt(calibration, triad, force, rate),
             axes=_axes(known, 0.5 * (low + high)),
-            degree=degree, low=low, high=high, supply=log.supply,
+            degree=degree, low=low, high=high, supply=log.supply, since_anew=since_anew(log),
         )  # fmt: skip
 
     def _rests(

@@ -17,6 +17,7 @@ from jaxtyping import Float
 
 from ..._jax import eqx
 from ...calibrate.pipeline import calibrate_device, DeviceResult
+from ...calibrate.results import TriadResult
 from ...calibration.calibration import Calibration, TriadCalibration
 from ...calibration.fitted_effects import FittedEffect
 from ...effects import addition
@@ -28,6 +29,7 @@ from ..problem import Prepared, Problem
 from ..selection.evidence import Candidate
 from ..selection.verdict import Named
 from .applied_effects import fitted_effects
+from .at_elements import extrapolated, left_to_the_probe
 from .unknown_settings import Unknown, unknown_settings
 
 
@@ -38,8 +40,10 @@ class Beside:
     prepared: Prepared
     terms: tuple[Term, ...]
     stored: tuple[FittedEffect, ...]
-    named: tuple[Named, ...] = ()  # with the rivals that the data do not exclude
+    # With the rivals that the data do not exclude: those of `terms` in their order, then such as no size is told of.
+    named: tuple[Named, ...] = ()
     unknown: Unknown | None = None  # of their settings
+    withheld: tuple[Named, ...] = ()  # found, and not applied (`withheld_effects`)
 
     @classmethod
     def of(
@@ -60,7 +64,9 @@ class Beside:
         pairs = [(t, s) for t, s in pairs if id(t) in told]
         terms, stored = tuple(t for t, _ in pairs), tuple(s for _, s in pairs)
         unknown = unknown_settings(prepared, noise, terms, [spread[id(t)] for t in terms])
-        return cls(prepared, terms, stored, tuple(told.values()), unknown)
+        own = {id(t): told[id(t)] for t in terms}
+        every = (*own.values(), *(n for key, n in told.items() if key not in own))
+        return cls(prepared, terms, stored, every, unknown)
 
 
 def augmented_calibration(
@@ -86,7 +92,7 @@ def augmented_calibration(
         triad = one.prepared.form.triad
         if getattr(found, triad) is None:
             continue  # one pose at one temperature: the effects are all that is told of the accelerometers
-        widened = _widened(getattr(found, triad), one)
+        widened = _widened(_extrapolated(getattr(found, triad), getattr(estimate, triad), one), one)
         found = eqx.tree_at(lambda c, t=triad: getattr(c, t), found, widened)
     stored = (effect for one in named for effect in one.stored)
     named_beside = replace(
@@ -124,13 +130,25 @@ def without_effects(log: Log, one: Beside) -> Log:
     return eqx.tree_at(lambda x: getattr(x, triad), log, output)
 
 
+def _extrapolated(
+    triad: TriadCalibration, fitted: TriadResult | None, one: Beside
+) -> TriadCalibration:
+    """The triad's calibration with what elements that were at other temperatures than the probe's take from it."""
+    fit = None if fitted is None else np.asarray(fitted.solution.covariance, float)
+    whole = np.asarray(triad.covariance, float)
+    if fit is None or fit.shape != whole.shape or not one.terms:
+        return triad
+    more = extrapolated(one.prepared, one.terms, fit, len(triad.names))
+    return eqx.tree_at(lambda t: t.covariance, triad, whole + more)
+
+
 def _widened(triad: TriadCalibration, one: Beside) -> TriadCalibration:
     r"""The triad's calibration with the uncertainty of the effects beside it.
 
     The effects' covariance is carried to the parameters, and what their settings may be off by (`unknown_settings`).
     Where names are left that the data do not tell apart, the parameters would be others under another name: with the
     odds $p_k$ of a rival and the difference $d_k$ that its estimate makes, $\sum p_k d_k d_k^T$ is added, the mean
-    square about the calibration that is written.
+    square about the calibration that is written. A withheld effect is one of the names by which that one is off.
     """
     size, count = np.asarray(triad.curve.coefficients).shape
     covariance = np.array(triad.covariance, float)
@@ -138,22 +156,32 @@ def _widened(triad: TriadCalibration, one: Beside) -> TriadCalibration:
         slope = _slope(one.prepared, term, count, size)
         covariance += slope @ np.asarray(stored.covariance) @ slope.T
     if one.unknown is not None:
-        slope = _slope(one.prepared, one.unknown.term, count, size)
+        seen, term = one.unknown.prepared, one.unknown.term
+        slope = _slope(seen, term, count, size)
+        if seen is not one.prepared:
+            slope = slope + _slope(one.prepared, left_to_the_probe(seen, term), count, size)
         covariance += slope @ one.unknown.covariance @ slope.T
     for named in one.named:
-        lead = _shift(one.prepared, named.candidate, count, size)
+        lead = shift_by(one.prepared, named.candidate, triad)
         for part, rival in zip(named.odds[1:], named.rivals, strict=True):
             if rival.score.term is not rival.term:
                 continue  # kept for what it predicts, without a size of its own
-            apart = _shift(one.prepared, rival, count, size) - lead
+            apart = shift_by(one.prepared, rival, triad) - lead
             covariance += part * np.outer(apart, apart)
+    for named in one.withheld:
+        names = (named.candidate, *named.rivals)
+        for part, name in zip(named.odds, names, strict=True):
+            if name.score.term is name.term:
+                apart = shift_by(one.prepared, name, triad)
+                covariance += part * np.outer(apart, apart)
     return eqx.tree_at(lambda t: t.covariance, triad, covariance)
 
 
-def _shift(
-    prepared: Prepared, candidate: Candidate, count: int, size: int
+def shift_by(
+    prepared: Prepared, candidate: Candidate, triad: TriadCalibration
 ) -> Float[np.ndarray, " unknowns"]:
     """Change of the calibration's coefficients, row-major, by an effect of the size that it was found with."""
+    size, count = np.shape(triad.curve.coefficients)
     return _slope(prepared, candidate.term, count, size) @ candidate.score.coefficients
 
 

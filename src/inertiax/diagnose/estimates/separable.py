@@ -61,7 +61,7 @@ def refined(
         before = [_setting(t) for t in terms]
         pauses = after_pauses(now, terms)
         terms, spread = _tuned_beside_parameters(now, noise, terms, values, pauses)
-        beside = _at_element(now, terms, terms, values)
+        beside = at_element(now, terms, terms, values)
         others = [*_parted(terms)[1], *pauses]
         misfit = whiten_system(beside, noise, [], others).chi2
         values, _ = corrected(beside, noise, others)
@@ -117,12 +117,12 @@ def _tuned_beside_parameters(
 ) -> tuple[list[Term], list[float | None]]:
     """Each setting tuned with the model's parameters at the element's temperature beside it, and what pauses did."""
     apart, others = _parted(terms)
-    plain = replace(now, system=_at_element(now, apart, apart, values))
+    plain = replace(now, system=at_element(now, apart, apart, values))
     made, widths = _tuned(plain, noise, others)
     tuned = dict(zip(map(id, others), zip(made, widths)))
     for term in apart:
         rest = [t for t in apart if t is not term]
-        without = replace(now, system=_at_element(now, apart, rest, values))
+        without = replace(now, system=at_element(now, apart, rest, values))
         tuned[id(term)] = tune(without, noise, term, [*made, *pauses])
     return [tuned[id(t)][0] for t in terms], [tuned[id(t)][1] for t in terms]
 
@@ -206,7 +206,7 @@ def _parted(terms: Sequence[Term]) -> tuple[list[Term], list[Term]]:
     return [t for t in terms if bilinear(t)], [t for t in terms if not bilinear(t)]
 
 
-def _at_element(
+def at_element(
     now: Prepared, terms: Sequence[Term], taken: Sequence[Term], values: np.ndarray
 ) -> System:
     """The triad's rows with the parameters' columns at the elements' temperature, and signatures `taken` away.

@@ -22,6 +22,7 @@ from ..candidates.signatures import Term
 from ..noise.observation_series import NoiseFit
 from ..problem import Prepared, retuned
 from ..selection.score_test import whiten_system
+from .at_elements import seen_by_elements
 from .common_size import held_to_common_size
 from .separable import after_pauses, numbers_of_pauses
 
@@ -34,6 +35,7 @@ class Unknown(NamedTuple):
 
     term: Term  # a column an unknown
     covariance: Float[np.ndarray, "unknown unknown"]
+    prepared: Prepared  # with the parameters' columns where the elements were
 
 
 def unknown_settings(
@@ -66,7 +68,10 @@ def unknown_settings(
         columns,
     )
     free = [t for t in terms if not t.known.unit_amplitude]
-    scores = whiten_system(prepared.system, noise, [made], free).scores
+    # A lag's time constant moves the parameters as the elements' temperatures tell them: at the probe's, which reach
+    # further, it would seem better known beside them, and they beside it.
+    seen = seen_by_elements(prepared, terms)
+    scores = whiten_system(seen.system, noise, [made], free).scores
     covariance = scores[0].covariance if scores else np.zeros((len(unknown), len(unknown)))
     if pauses:  # °C: an element was nowhere that the probe never was
         least = np.zeros(len(unknown))
@@ -80,7 +85,7 @@ def unknown_settings(
         variance = covariance[k, k]
         beside = covariance[:, k] / variance if variance > 0.0 else np.eye(len(unknown))[k]
         covariance = covariance + (std**2 - variance) * np.outer(beside, beside)
-    return Unknown(made, covariance)
+    return Unknown(made, covariance, seen)
 
 
 def _by_setting(

@@ -4,27 +4,24 @@ from collections.abc import Sequence
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from ..._jax import eqx
 from ..._typing import AnyArray, Scalar
 from ...effects import arrays as xp, Signal
 from ...effects.effect import chebyshev
+from ...effects.thermal_lag import is_anew, JOINT
 from ...numerics.local_parabola import local_parabola
 from ...reduction.dwells import is_told
 from .attitude import attitude
-from .blocks import block_mean, Blocks, EARTH_RATE, Log, PAUSE
+from .blocks import block_mean, Blocks, EARTH_RATE, Log
 from .model_rows import Baseline, CalibratedTriad, compensated, ModelForm
 from .vertical import upright_axis
 
 
-JOINT = 5.0  # °C from one row to the next, which no device does
 _PAUSE_STEPS = (
     20.0  # usual steps of a pause, as `check` counts gaps: a log of few rows pauses always
 )
-# s, in which a chamber at a slow 0.5 °C/min goes by `JOINT` and may come back: its course is then untold whatever the
-# ends say.
-_AWAY = 600.0
 _ROUNDING = 1e-12  # of a temperature: some thousand units in its last place
 # Part of a plateau's root mean square force that its mean has where the force stands in the case: cos 6°, where it
 # turns at 6° to the axis.
@@ -120,21 +117,30 @@ def smooth_temperature(log: Log, span: float = 20.0) -> tuple[np.ndarray, np.nda
 
 
 def since_pause(log: Log) -> Float[np.ndarray, " time"] | None:
-    """Seconds since the last power-on, or since a pause within a recording at whose end the temperature was another by
-    more than `JOINT`, or after which it may have been; `None` where there is no such pause.
+    """Seconds since the last power-on, or since a pause within a recording after which elements begin anew; `None`
+    where there is no such pause."""
+    within = _anew(log) & (np.diff(log.recording) == 0)
+    return _since(log, within | (np.diff(log.cycle) != 0)) if within.any() else None
 
-    A chamber that is led to another temperature while nobody records goes there soon and is waited for: a straight line
-    over the pause, which is good for small changes, has late elements behind at its end.
-    """
-    if log.temperature is None:
-        return None
+
+def since_anew(log: Log) -> Float[np.ndarray, " time"] | None:
+    """Seconds since the first row, or since a pause, between recordings or within one, after which elements begin anew
+    (`effects.thermal_lag.is_anew`); `None` where there is no such pause."""
+    anew = _anew(log)
+    return _since(log, anew) if anew.any() else None
+
+
+def _anew(log: Log) -> Bool[np.ndarray, " step"]:
+    """Whether elements begin anew after each row but the last."""
     pause = np.diff(log.time)
-    long = (pause > PAUSE) & (pause > _PAUSE_STEPS * log.step)
-    other = (np.abs(np.diff(log.temperature)) > JOINT) | (pause > _AWAY)
-    within = long & other & (np.diff(log.recording) == 0)
-    if not within.any():
-        return None
-    stretch = np.cumsum(np.r_[False, within | (np.diff(log.cycle) != 0)])
+    if log.temperature is None:
+        return np.zeros(len(pause), bool)
+    return (pause > _PAUSE_STEPS * log.step) & is_anew(pause, np.diff(log.temperature))
+
+
+def _since(log: Log, begins: Bool[np.ndarray, " step"]) -> Float[np.ndarray, " time"]:
+    """Seconds since the first row of each stretch, where `begins` says that another one follows a row."""
+    stretch = np.cumsum(np.r_[False, begins])
     first = np.searchsorted(stretch, np.arange(stretch[-1] + 1))
     return log.time - log.time[first][stretch]
 
@@ -361,7 +367,7 @@ def build(log: Log, blocks: Blocks, base: Baseline, force: np.ndarray | None) ->
         axes=axes_at_rest(blocks, form, np.asarray(model.matrix)[:, :, 0]),
         expected=np.asarray(model(np.zeros(len(log.time)) if temperature is None else temperature)),
         degree=form.degree, low=form.low, high=form.high, upright=upright, oriented=oriented,
-        since_pause=since_pause(log),
+        since_pause=since_pause(log), since_anew=since_anew(log),
     )  # fmt: skip
 
 

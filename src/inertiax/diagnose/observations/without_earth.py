@@ -6,9 +6,9 @@ import numpy as np
 from jaxtyping import Float
 
 from ...data.recording import Recording, Site
-from ...reduction.earth_at_rest import vertical_earth_rate
+from ...reduction.dwell_means import reduce_to_dwells
+from ...reduction.earth_at_rest import shown_by_dwells, vertical_earth_rate
 from ...reduction.segments import Segments
-from ...reduction.shown_earth_rate import shown_earth_rate
 
 
 def earth_taken_away(
@@ -17,24 +17,26 @@ def earth_taken_away(
     """What `without_vertical_earth_rate` takes away from the gyros at rest, rad/s; `None` where that is nothing.
 
     A reference holds Earth's rate in the rows of all models, of gravity's rotation as well. Where the gyros show none
-    of it nothing is taken, as `calibrate` does (`reduction.shown_earth_rate`).
+    of it nothing is taken. That is told by the dwells of `calibrate`: means of other rows would be near its limit on
+    the other side in some logs, and what is judged would not be what was calibrated.
     """
+    if site.latitude is None:
+        return None
     made, first = np.zeros((sum(r.num_samples for r in recordings), 3)), 0
-    rows, force, gyro = [], [], []
+    rows, force = [], []
     for recording, part in zip(recordings, segments, strict=True):
         if recording.reference_gyro is None and recording.accel is not None:
             for a, b in zip(part.start[part.resting], part.stop[part.resting], strict=True):
                 rows.append((first + a, first + b))
                 force.append(recording.accel[a:b].mean(axis=0))
-                if recording.gyro is not None:
-                    gyro.append(recording.gyro[a:b].mean(axis=0))
         first += recording.num_samples
     if not rows:
         return None
+    if all(r.gyro is not None for r in recordings):
+        shown = shown_by_dwells(reduce_to_dwells(recordings, segments=segments), site)
+        if shown is not None and shown.absent:
+            return None
     vertical = vertical_earth_rate(np.array(force), site)
-    if len(gyro) == len(force):
-        shown = shown_earth_rate(np.array(gyro), np.array(force), np.diff(rows, axis=1)[:, 0], site)
-        vertical = vertical * float(shown is None or not shown.absent)
     for (a, b), rate in zip(rows, vertical, strict=True):
         made[a:b] = rate
     return made if made.any() else None
