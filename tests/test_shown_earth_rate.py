@@ -86,7 +86,7 @@ def test_biases_that_follow_the_temperature_do_not_hide_whether_it_is_there(part
 
 def test_the_rests_temperatures_are_asked_by_a_check_and_by_dwells():
     gyro, force, _, temperature = over_temperature(0.0, 0.1 * UP)
-    rows = 80
+    rows = 150
     each = lambda v: np.repeat(v, rows + 50, axis=0)
     turning = np.tile(np.arange(rows + 50) >= rows, len(gyro))
     rng = np.random.default_rng(1)
