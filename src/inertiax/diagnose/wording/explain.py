@@ -135,7 +135,13 @@ def _sentences(effect: Effect, entries: list[_Entry], most: float | int) -> str:
         settings = e.term.variant.settings
         groups.setdefault((acts_on(settings), said_of_coefficients(settings)), []).append(e)
     return " ".join(
-        sentence(effect, g[0].term.variant.settings, [e.said for e in g], most=most)
+        sentence(
+            effect,
+            g[0].term.variant.settings,
+            [e.said for e in g],
+            most=most,
+            moments=len({e.term.variant.settings.get("time") for e in g}),
+        )
         for g in groups.values()
     )
 
