@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
+from inertiax.calibrate.earth_rate import earth_taken_away as words_of_earth
 from inertiax.data.recording import Campaign, Recording, Site
 from inertiax.diagnose.observations.without_earth import earth_taken_away
 from inertiax.physics.wgs84 import EARTH_RATE
@@ -139,6 +140,25 @@ def test_earths_rate_that_the_gyros_do_not_show_is_told_and_left_in_their_means(
             assert told == []
             np.testing.assert_allclose(np.linalg.norm(taken, axis=1), UP, rtol=1e-6)
             np.testing.assert_allclose(np.linalg.norm(earth, axis=1).max(), UP, rtol=1e-6)
+
+
+def test_gyros_that_stand_on_one_code_at_rest_do_not_tell():
+    """Neither means without scatter nor a step far above Earth's rate say anything; a step that noise dithers does."""
+    campaign = at_rest(0.0)
+    (recording,) = campaign.recordings
+    assert recording.gyro is not None
+    kinds, words = [], []
+    for step in (
+        5e-3,
+        2e-4,
+    ):  # rad/s; Earth's rate is 5.4e-5 along the vertical, the samples' noise 3.4e-4
+        gyro = step * np.round(recording.gyro / step)
+        coarse = Campaign((dataclasses.replace(recording, gyro=gyro),), SITE)
+        kinds.append("earth_rate" in [f.kind for f in check_campaign(coarse).findings])
+        dwells = reduce_to_dwells(coarse.recordings)
+        words.append(words_of_earth(dwells, coarse)[1][0])
+    assert kinds == [False, True]
+    assert "step hides Earth's rate" in words[0] and "is not in them" in words[1]
 
 
 def test_rows_that_count_in_no_dwell_do_not_tell_a_diagnosis_either():

@@ -19,6 +19,7 @@ from ..data.recording import Site
 from ..numerics.further_columns import log_odds
 from ..physics.vectors import unit_vector
 from ..physics.wgs84 import EARTH_RATE
+from .mean_noise import quantisation_floor
 
 
 FEWEST = 12  # rests: a level and a slope an axis leave ten of them to tell the scatter
@@ -86,6 +87,23 @@ def shown_earth_rate(
     part = float(np.average(found.slope, weights=certain))
     unlike = float(np.sum(certain * (found.slope - part) ** 2)) / (len(found.slope) - 1)
     return Shown(part, math.sqrt(max(unlike, 1.0) / float(certain.sum())))
+
+
+def hidden_by_steps(
+    step: Float[AnyArray, "3"], variance: Float[AnyArray, "rest 3"], site: Site
+) -> bool:
+    """Whether the gyros' means cannot tell of Earth's rate, for what rounding leaves of them hides it on an axis.
+
+    Outputs that stand on one code at rest have no scatter there, which says nothing of how well they are known.
+
+    **Arguments:** the converter's steps (rad/s) and the variances of single samples in rests, (rad/s)².
+    """
+    if site.latitude is None or not len(variance):
+        return False
+    # The median over rests, for a knock dithers no rest but its own.
+    floor = quantisation_floor(np.asarray(step), np.median(variance, axis=0))
+    expected = abs(EARTH_RATE * math.sin(site.latitude))
+    return bool(np.any(FAR * np.sqrt(floor) > expected))
 
 
 class _Fit(NamedTuple):
