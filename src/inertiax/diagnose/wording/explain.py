@@ -19,6 +19,7 @@ from ..problem_of_motions import PARTED_BY
 from ..result import Evidence, Explanation, Parameter
 from ..selection.evidence import Candidate
 from ..selection.verdict import Answer, Named
+from .earth_beside import earth_beside, NAME as EARTH_RATE, PARTED_BY as EARTH_PARTED_BY
 from .sentences import Said, sentence
 from .untold_channels import channel_odds, PARTED_BY as CHANNELS_PARTED_BY
 
@@ -75,22 +76,29 @@ def _together(prepared: Prepared, entries: list[_Entry]) -> Explanation:
     """One entry for an effect on all its channels; the evidence and the alternatives are those of the clearest."""
     entries = [_told_apart(e, entries) for e in entries]
     lead = max(entries, key=lambda e: e.evidence.delta_bic)
-    effect, alone = lead.term.known, not lead.rivals
+    effect = lead.term.known
     where = " It shows in the motions between rests." if prepared.motions else ""
     where += _passed_once(prepared, lead.term) if effect.jump else ""
     of_the_station = effect.common and "rad" in effect.units.values()  # angles
     where += share_of_axes(prepared.axes) if of_the_station else ""
+    earth = ""
+    if not prepared.motions:
+        earth = earth_beside(prepared.log, [(e.term, e.said.values) for e in entries])
+    where += earth
+    alternatives = (*lead.rivals, *[EARTH_RATE] * (earth != "" and EARTH_RATE not in lead.rivals))
+    alone = not lead.rivals  # no run parts what a driver did to the outputs
     untold = tuple(next((e.said.on_channels for e in entries if e.said.on_channels), ()))
     return Explanation(
         name=lead.term.name,
         channels=tuple(dict.fromkeys(c for e in entries for c in e.said.channels)),
         form=lead.term.variant.label,
-        alternatives=lead.rivals,
+        alternatives=alternatives,
         odds=tuple(lead.said.odds),
         parameters=_parameters(entries),
         evidence=lead.evidence,
         statement=_sentences(effect, entries, math.inf) + where,
         separating_experiment=(CHANNELS_PARTED_BY if untold else "")
+        + (EARTH_PARTED_BY if earth else "")
         + (PARTED_BY if prepared.motions else experiment(effect, alone=alone)),
         in_short=_sentences(effect, entries, IN_SHORT) + where,
         channel_odds=untold,
