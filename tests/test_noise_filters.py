@@ -245,6 +245,12 @@ def test_a_filter_is_named_where_chance_would_not_show_it_in_a_log_of_six_channe
     assert identify(log, rate=rate, triad="accel").statement == "N from 0 to 25 Hz"
 
 
+@pytest.mark.parametrize("seed", [20117, 20460, 20504])
+def test_coefficients_that_gain_what_one_of_six_channels_may_end_no_band(seed):
+    """Three of 600 white channels whose further coefficients gain more than 10 % of single ones do, at each order."""
+    assert identify(white(seed, 8000), rate=RATE).statement == "N from 0 to 100 Hz"
+
+
 def test_a_channel_that_vibrates_is_named_with_how_far_it_is_off():
     gyro = np.stack([white(30 + k, 6000) for k in range(3)], axis=1)
     time = np.arange(6000) / RATE

@@ -26,6 +26,9 @@ _CHANCE = 0.05  # probability below which a misfit is not chance
 # band. Bands that are not the whole spectrum are asked at `_CHANCE` each: a slow swing hides in one that is narrow.
 _CHANNELS = 6
 _GAIN = (2.71, 4.61)  # of the deviance by one and two coefficients more, exceeded by chance in 10 %
+_LARGEST_GAIN = (
+    5.73  # by one, of the channel of six that gains most: exceeded by chance in 10 % of the logs
+)
 _FEWEST = 40  # bins of a band
 _NARROWEST = 64.0  # ordinates of a band
 _HALF_OCTAVE = np.sqrt(0.5)
@@ -145,7 +148,7 @@ def _tried(
     for _ in range(_ROUNDS):
         fits = _fits(_problem(spectrum, used, rounding, _MOST, upper))
         misfits = [misfit(p, f) for p, f in fits]
-        order = _lowest_order(fits, misfits, _CHANCE / _CHANNELS if kept.all() else _CHANCE)
+        order = _lowest_order(fits, misfits, bool(kept.all()))
         if order is not None:
             with_q = order == 0 and fits[0][1].squares[0] > 0.0
             stated = order + (not with_q)
@@ -174,15 +177,19 @@ def _fits(problem: Problem) -> list[tuple[Problem, Fit]]:
 
 
 def _lowest_order(
-    fits: list[tuple[Problem, Fit]], misfits: list[tuple[float, float]], chance: float
+    fits: list[tuple[Problem, Fit]], misfits: list[tuple[float, float]], whole: bool
 ) -> int | None:
+    """The lowest order that passes. Of the whole spectrum the highest one does, too, where a further coefficient gains
+    what one of the channels may by chance: with all of them N is as free of a filter as a shorter band has it."""
+    chance = _CHANCE / _CHANNELS if whole else _CHANCE
     for order in range(_MOST):
         gains = [
             (fits[order][1].deviance - f.deviance) / spread_of_means()
             for _, f in fits[order + 1 : order + 3]
         ]
         small = all(gain < most for gain, most in zip(gains, _GAIN, strict=False))
-        if misfits[order][1] > chance and small:
+        last = whole and order == _MOST - 1 and gains[0] < _LARGEST_GAIN
+        if misfits[order][1] > chance and (small or last):
             return order
     return None
 
