@@ -272,6 +272,34 @@ def test_a_field_of_unknown_azimuth_is_nearly_among_the_forms():
     assert effect.variants(dataclasses.replace(signal, upright=False))[1:] == ()
 
 
+def test_a_branch_turns_where_the_temperature_does_and_not_where_the_probes_noise_does():
+    """Up for 1000 s, a soak, and down: the branch alone is another one from the end of the soak on."""
+    effect, noise = BY_NAME["thermal_hysteresis"], 0.02
+    course = np.interp(np.arange(2401), [0, 1000, 1400, 2400], [10.0, 50.0, 50.0, 10.0])
+    for sigma in (0.0, noise):
+        probe = course + sigma * np.random.default_rng(0).standard_normal(2401)
+        signal = dataclasses.replace(make_signal("accel", 2401), temperature=probe)
+        (variant,) = [
+            v for v in effect.variants(signal)
+            if v.settings["loop"] == "branch" and v.settings["on"] == "bias"
+        ]  # fmt: skip
+        branch = np.asarray(effect.shape(signal, **variant.settings))[:, 0, 0]
+        np.testing.assert_array_equal(branch[:990], -1.0)
+        np.testing.assert_array_equal(branch[1405:], 1.0)
+        # In the soak the highest reading is the turn; without noise it is the last of them.
+        assert np.count_nonzero(np.diff(branch)) == 1
+        assert sigma > 0.0 or branch[1399] == -1.0
+        widest = variant.settings["radius"] * np.ptp(probe)
+        assert widest < 6.0 * noise if sigma else widest < 0.01  # 4.5 as it stands beside the name
+
+
+def test_a_probe_that_jumps_from_row_to_row_tells_no_branch():
+    probe = np.random.default_rng(0).uniform(0.0, 40.0, 240)
+    signal = dataclasses.replace(make_signal("accel"), temperature=probe)
+    loops = {v.settings["loop"] for v in BY_NAME["thermal_hysteresis"].variants(signal)}
+    assert "play" in loops and "branch" not in loops
+
+
 def test_the_models_say_where_a_drift_is_zero_and_which_branch_reads_high():
     there_and_back = dataclasses.replace(
         make_signal("accel", 201),

@@ -34,6 +34,12 @@ def test_a_name_that_leads_or_does_not_is_said_as_before(odds):
     assert said(*odds).startswith("The bias of accel_y jumped at one moment.")
 
 
+def test_several_jumps_are_said_as_several():
+    members = [Said(("accel_y",), VALUE, (), form=f"time={t}") for t in (50, 150, 250)]
+    text = sentence(EFFECT, {}, members, moments=3)
+    assert text.startswith("The bias of accel_y jumped at 3 moments.")
+
+
 def candidate(values, sigmas):
     term = SimpleNamespace(
         triad="accel",

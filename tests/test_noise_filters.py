@@ -11,7 +11,7 @@ from pathlib import Path
 import allantools
 import numpy as np
 import pytest
-from scipy.signal import butter, freqz, sosfilt, sosfreqz, welch
+from scipy.signal import butter, freqz, lfilter, sosfilt, sosfreqz, welch
 
 from inertiax.allan import identify, logs, noise_of, read_triad_noise, spectrum, triad_noise
 from inertiax.allan.process_noise import correlation_time
@@ -226,6 +226,29 @@ def test_white_noise_up_to_half_the_rate_is_that_of_unaveraged_samples():
     # √5 times the density, known from 4800 samples to 1 %.
     assert read_slowly.terms["N"].value == pytest.approx(np.sqrt(5.0) * N, rel=0.04)
     assert not identify(first_order(log, 20.0), rate=RATE).white_throughout
+
+
+@pytest.mark.slow
+def test_few_logs_of_white_noise_have_another_band_than_all_of_it_and_none_a_filter():
+    found = [identify(white(5000 + k), rate=RATE) for k in range(400)]
+    assert not any("filter" in m.statement for m in found)
+    # One channel of 120, and 3.3 of 400: 9 or more are chance once in 100 times. At one of 20 they were 10.
+    assert sum(m.statement != "N from 0 to 100 Hz" for m in found) < 9
+
+
+def test_a_filter_is_named_where_chance_would_not_show_it_in_a_log_of_six_channels():
+    """White noise and a relaxation of 100 s, two hours at 50 Hz; the band ends early in one of 20."""
+    rng, rate = np.random.default_rng(9107), 50.0
+    decay = np.exp(-1.0 / rate / 100.0)
+    log = 5e-4 * np.sqrt(rate) * rng.normal(size=360_000)
+    log += lfilter([1.0], [1.0, -decay], 5e-5 * np.sqrt(1.0 - decay**2) * rng.normal(size=360_000))
+    assert identify(log, rate=rate, triad="accel").statement == "N from 0 to 25 Hz"
+
+
+@pytest.mark.parametrize("seed", [20117, 20460, 20504])
+def test_coefficients_that_gain_what_one_of_six_channels_may_end_no_band(seed):
+    """Three of 600 white channels whose further coefficients gain more than 10 % of single ones do, at each order."""
+    assert identify(white(seed, 8000), rate=RATE).statement == "N from 0 to 100 Hz"
 
 
 def test_a_channel_that_vibrates_is_named_with_how_far_it_is_off():

@@ -211,6 +211,42 @@ def test_normal_gravity_is_that_of_the_geodetic_tables():
     assert found.kind == "gravity" and found.severity == "warning"
 
 
+def test_zeros_on_the_way_of_coarse_gyros_are_codes_like_others():
+    """Zeros between the two sides of zero are a measurement; zeros many codes from the rows around them are none."""
+    columns = hand()
+    gyro = 5e-3 * np.round((columns["gyro"] + np.array([0.015, -0.01, 0.005])) / 5e-3)
+    for row, side in ((1000, 1.0), (1400, -1.0)):
+        gyro[row - 1 : row + 2] = (
+            side * 0.01 * np.array([[1.0, -2.0, 1.0], [0, 0, 0], [-2.0, 1.0, -1.0]])
+        )
+    own = np.flatnonzero(np.all(gyro == 0.0, axis=1))
+    assert len(own) < 20  # few enough not to be a habit at rest
+    assert "dropout" not in str(findings({**columns, "gyro": gyro}))
+    dropped = gyro.copy()
+    moving = np.flatnonzero(np.abs(gyro).max(axis=1) > 0.3)
+    dropped[moving[[10, 60]]] = 0.0
+    (found,) = [f for f in findings({**columns, "gyro": dropped}) if f.kind == "dropout"]
+    assert dict(found.evidence)["rows"] == 2
+
+
+def gaps(columns: dict[str, np.ndarray]) -> list[Finding]:
+    campaign = Campaign((Recording(**columns),), Site(G))
+    return [f for f in check_campaign(campaign).findings if f.kind == "gap"]
+
+
+def test_stamps_that_scatter_lose_no_rows():
+    """A row's stamp late by up to 0.8 of a step makes steps of 0.2 to 1.8; every tenth row gone makes steps of 2."""
+    columns = hand()
+    rng = np.random.default_rng(2)
+    step = float(np.median(np.diff(columns["time"])))
+    late = columns["time"] + rng.uniform(0.0, 0.8 * step, len(columns["time"]))
+    assert gaps({**columns, "time": late}) == []
+    kept = rng.random(len(columns["time"])) > 0.1
+    shaken = columns["time"] + rng.uniform(0.0, 0.05 * step, len(columns["time"]))
+    (found,) = gaps({k: v[kept] for k, v in {**columns, "time": shaken}.items()})
+    assert dict(found.evidence)["share"] == pytest.approx(0.111, abs=0.02)
+
+
 def test_kinds_of_broken_samples():
     rng = np.random.default_rng(1)
     columns = hand()

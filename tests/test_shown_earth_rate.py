@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
+from inertiax.calibrate.earth_rate import earth_taken_away as words_of_earth
 from inertiax.data.recording import Campaign, Recording, Site
 from inertiax.diagnose.observations.without_earth import earth_taken_away
 from inertiax.physics.wgs84 import EARTH_RATE
@@ -61,6 +62,47 @@ def test_few_rests_and_no_latitude_tell_nothing():
     assert shown_earth_rate(*means(0.0, 0.1 * UP), Site(9.81)) is None
 
 
+def over_temperature(part, noise, rests=60, seed=0):
+    """The same of biases that a curve of 300 times Earth's rate moves over 40 °C."""
+    gyro, force, count = means(part, noise, rests, seed)
+    temperature = 30.0 + 20.0 * np.sin(np.linspace(0.0, 4.0, rests))
+    x = (temperature - 30.0) / 20.0
+    curve = 300.0 * UP * np.stack([x, x**2 - 0.5 * x, x**3 + x], axis=1)
+    return gyro + curve, force, count, temperature
+
+
+@pytest.mark.parametrize("part", [0.0, 1.0])
+def test_biases_that_follow_the_temperature_do_not_hide_whether_it_is_there(part):
+    found = []
+    for seed in range(100):
+        gyro, force, count, temperature = over_temperature(part, 0.5 * UP, seed=seed)
+        found.append(shown_earth_rate(gyro, force, count, SITE, temperature))
+    parts, stated = np.array([f.part for f in found]), np.array([f.std for f in found])
+    # 60 rests tell it to 0.5 / sqrt(60) or so an attitude's thirds of three axes: 0.07.
+    assert parts.std() < 0.1
+    assert 0.8 < np.sqrt(np.mean(stated**2)) / parts.std() < 1.5  # as above
+    absent = sum(f.absent for f in found)
+    assert absent > 85 if part == 0.0 else absent <= 3  # 95 of 100, and one of 160
+
+
+def test_the_rests_temperatures_are_asked_by_a_check_and_by_dwells():
+    gyro, force, _, temperature = over_temperature(0.0, 0.1 * UP)
+    rows = 150
+    each = lambda v: np.repeat(v, rows + 50, axis=0)
+    turning = np.tile(np.arange(rows + 50) >= rows, len(gyro))
+    rng = np.random.default_rng(1)
+    recording = Recording(
+        time=np.arange(len(turning)) / 50.0, temperature=each(temperature),
+        position=np.where(turning, -1, each(np.arange(len(gyro)))),
+        accel=each(force) + 0.01 * rng.standard_normal((len(turning), 3)),
+        gyro=np.where(turning[:, None], 0.5, each(gyro)) + 2.4e-5 * rng.standard_normal((len(turning), 3)),
+    )  # fmt: skip
+    campaign = Campaign((recording,), SITE)
+    assert "earth_rate" in [f.kind for f in check_campaign(campaign).findings]
+    dwells = reduce_to_dwells(campaign.recordings)
+    assert without_vertical_earth_rate(dwells, SITE) is dwells
+
+
 def at_rest(part, seed=0):
     """Rests of 4 s, with turns of a second between them, of gyros with 5 °/h of noise in each mean."""
     rng = np.random.default_rng(seed)
@@ -98,6 +140,25 @@ def test_earths_rate_that_the_gyros_do_not_show_is_told_and_left_in_their_means(
             assert told == []
             np.testing.assert_allclose(np.linalg.norm(taken, axis=1), UP, rtol=1e-6)
             np.testing.assert_allclose(np.linalg.norm(earth, axis=1).max(), UP, rtol=1e-6)
+
+
+def test_gyros_that_stand_on_one_code_at_rest_do_not_tell():
+    """Neither means without scatter nor a step far above Earth's rate say anything; a step that noise dithers does."""
+    campaign = at_rest(0.0)
+    (recording,) = campaign.recordings
+    assert recording.gyro is not None
+    kinds, words = [], []
+    for step in (
+        5e-3,
+        2e-4,
+    ):  # rad/s; Earth's rate is 5.4e-5 along the vertical, the samples' noise 3.4e-4
+        gyro = step * np.round(recording.gyro / step)
+        coarse = Campaign((dataclasses.replace(recording, gyro=gyro),), SITE)
+        kinds.append("earth_rate" in [f.kind for f in check_campaign(coarse).findings])
+        dwells = reduce_to_dwells(coarse.recordings)
+        words.append(words_of_earth(dwells, coarse)[1][0])
+    assert kinds == [False, True]
+    assert "step hides Earth's rate" in words[0] and "is not in them" in words[1]
 
 
 def test_rows_that_count_in_no_dwell_do_not_tell_a_diagnosis_either():

@@ -13,7 +13,7 @@ import dataclasses
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from scipy.special import chdtrc
+from scipy.special import chdtrc, chdtri
 
 from .._records import field, Module
 from .likelihood import Fit, maximum_likelihood, Problem, spread_of_means
@@ -22,7 +22,13 @@ from .spectrum import Spectrum
 
 _MOST = 3  # coefficients of the filter; one fewer must pass
 _CHANCE = 0.05  # probability below which a misfit is not chance
+# Of a log with both triads, each asked by itself: one of 20 logs of noise alone may show a filter, or an end of the
+# band. Bands that are not the whole spectrum are asked at `_CHANCE` each: a slow swing hides in one that is narrow.
+_CHANNELS = 6
 _GAIN = (2.71, 4.61)  # of the deviance by one and two coefficients more, exceeded by chance in 10 %
+_LARGEST_GAIN = (
+    5.73  # by one, of the channel of six that gains most: exceeded by chance in 10 % of the logs
+)
 _FEWEST = 40  # bins of a band
 _NARROWEST = 64.0  # ordinates of a band
 _HALF_OCTAVE = np.sqrt(0.5)
@@ -142,11 +148,12 @@ def _tried(
     for _ in range(_ROUNDS):
         fits = _fits(_problem(spectrum, used, rounding, _MOST, upper))
         misfits = [misfit(p, f) for p, f in fits]
-        order = _lowest_order(fits, misfits)
+        order = _lowest_order(fits, misfits, bool(kept.all()))
         if order is not None:
             with_q = order == 0 and fits[0][1].squares[0] > 0.0
             stated = order + (not with_q)
-            band = Band(used, kept & ~used, lower, upper, stated, seen=order > 0, passes=True)
+            seen = _is_seen(fits, order)
+            band = Band(used, kept & ~used, lower, upper, stated, seen=seen, passes=True)
             return misfits[order][0], band
         lines = _lines(*fits[-1], spectrum.frequency[used] / spectrum.frequency[0])
         if not lines.any() or (kept & ~used).sum() + lines.sum() > _MOST_LINES * kept.sum():
@@ -170,17 +177,30 @@ def _fits(problem: Problem) -> list[tuple[Problem, Fit]]:
 
 
 def _lowest_order(
-    fits: list[tuple[Problem, Fit]], misfits: list[tuple[float, float]]
+    fits: list[tuple[Problem, Fit]], misfits: list[tuple[float, float]], whole: bool
 ) -> int | None:
+    """The lowest order that passes. Of the whole spectrum the highest one does, too, where a further coefficient gains
+    what one of the channels may by chance: with all of them N is as free of a filter as a shorter band has it."""
+    chance = _CHANCE / _CHANNELS if whole else _CHANCE
     for order in range(_MOST):
         gains = [
             (fits[order][1].deviance - f.deviance) / spread_of_means()
             for _, f in fits[order + 1 : order + 3]
         ]
         small = all(gain < most for gain, most in zip(gains, _GAIN, strict=False))
-        if misfits[order][1] > _CHANCE and small:
+        last = whole and order == _MOST - 1 and gains[0] < _LARGEST_GAIN
+        if misfits[order][1] > chance and (small or last):
             return order
     return None
+
+
+def _is_seen(fits: list[tuple[Problem, Fit]], order: int) -> bool:
+    """Whether the filter of that order gains more than chance gives some channel of a log without one.
+
+    A coefficient is fitted where its gain is beyond 10 %, so that N is free of it; that is no sign of a filter.
+    """
+    gain = (fits[0][1].deviance - fits[order][1].deviance) / spread_of_means()
+    return order > 0 and gain > float(chdtri(order, _CHANCE / _CHANNELS))
 
 
 def misfit(problem: Problem, fit: Fit) -> tuple[float, float]:

@@ -206,7 +206,7 @@ def timing(size: float) -> Source:
 
 
 def gravity(size: float) -> Source:
-    """Error of the reference g, m/s²."""
+    """True g less the stated one, m/s²: a positive value is a specific force greater than the calibration takes it."""
     return Source(NAMES["gravity"], "m/s^2", size, "campaign", 1, _along_force)
 
 

@@ -1,5 +1,6 @@
 """Thermal hysteresis: depends on the branch, and stays in a soak."""
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -19,25 +20,33 @@ PAIR = (1.0, 5.0)
 # Of the range, by which a log begins away from the room: the play from there on is at its end, and below it a form of
 # its own would hardly differ from the middle.
 AWAY = 0.1
-LEAST = 2.0  # °C, a range of temperature that can hold a loop
-
-
 # °C, at which devices lie between uses (ISO 1). A log that begins cold begins on the branch that was cooled down.
 ROOM = 20.0
+WIDEST = 0.45  # of the plays: a loop that is nearly as wide as the range has one turn in it
+LEAST = 2.0  # °C, a range of temperature that can hold a loop
+# Part of the range: what is less than this hardly counts as a turn, though a probe without noise showed it. Convention.
+FINEST = 1e-4
+# Half a turn in standard deviations of the probe's noise: 1e5 readings of one temperature spread over 8.8 of them.
+APART = 4.5
+AT_TURN = 1e-6  # weight by which the branch that was decides where both branches are as near: in a soak at the turn
 
 
 def shape(
     signal: Signal, *, radius: Scalar | float, loop: str, on: str, start: str = "middle"
 ) -> Float[AnyArray, "time channels columns"]:
     """Play operator of half-width `radius` (part of the temperature range) less the temperature
-    itself, scaled to ±1; Rayleigh's parabolic loop, whose branch turns after `radius`; or plays side by
-    side (Prandtl and Ishlinskii): in equal parts, or a narrow and a wide one with a coefficient each.
+    itself, scaled to ±1; Rayleigh's parabolic loop, whose branch turns after `radius`; plays side by
+    side (Prandtl and Ishlinskii): in equal parts, or a narrow and a wide one with a coefficient each; or the branch
+    alone, −1 while it warms and 1 while it cools, turned where the temperature turns by more than `2 radius`.
 
     The log's first temperature is in the middle of each play, or with `start` "room" it was come to from `ROOM`.
     """
     t = xp.asarray(signal.temperature)
     low, high = xp.min(t), xp.max(t)
     radius = xp.asarray(radius)
+    if loop == "branch":
+        branch = _branch(t, radius * (high - low))[:, None, None]
+        return branch if on == "bias" else inputs(signal)[:, :, None] * branch
     leads = [_lead(t, part * radius * (high - low), start) for part in _parts(loop)]
     lead = _loop(xp.stack(leads, axis=-1), t, low, high, loop)
     if on == "bias":
@@ -75,18 +84,44 @@ def _lead(
     return (play(xp.concatenate([before, temperature]), width)[1:] - temperature) / width
 
 
+def _branch(
+    temperature: Float[AnyArray, " time"], width: Scalar | float
+) -> Float[AnyArray, " time"]:
+    """−1 while it warms and 1 while it cools.
+
+    Plays that follow the temperature forwards and backwards have it between them, and change sides at its turns: at
+    the moment itself, while one of them alone turns a whole play later.
+    """
+    forwards, backwards = play(temperature, width), play(temperature[::-1], width)[::-1]
+    return xp.sign(forwards - backwards + AT_TURN * (forwards - temperature))
+
+
+def _least_turn(temperature: Float[np.ndarray, " time"]) -> float:
+    """Half-width of a play, as a part of the range, that the probe's noise does not cross.
+
+    Second differences of white noise have √6 of its standard deviation, of a course next to nothing. Those that are
+    zero say nothing: readings in steps repeat, and what remains are the steps.
+    """
+    second = np.abs(np.diff(temperature, n=2))
+    second = second[second > 0.0]
+    noise = float(np.median(second)) / (0.6745 * math.sqrt(6.0)) if len(second) else 0.0
+    return max(FINEST, APART * noise / float(np.ptp(temperature)))
+
+
 def variants(signal: Signal) -> tuple[Variant, ...]:
-    """Several widths of play, Rayleigh's loop and plays side by side; on the bias and on the scale factor.
+    """Several widths of play, Rayleigh's loop, plays side by side and the branch; on the bias and on the scale factor.
 
     None where the temperature hardly changes: a loop has the size of its turn of temperature, and within `LEAST`
     it would be a name for whatever is slow.
     """
-    if np.ptp(np.asarray(signal.temperature)) < LEAST:
-        return ()
     temperature = np.asarray(signal.temperature)
-    away = abs(float(temperature[0]) - ROOM) > AWAY * np.ptp(temperature)
-    forms = [("play", r) for r in (0.02, 0.05, 0.1, 0.16, 0.24, 0.33, 0.45)]
+    if np.ptp(temperature) < LEAST:
+        return ()
+    forms = [("play", r) for r in (0.02, 0.05, 0.1, 0.16, 0.24, 0.33, WIDEST)]
     forms += [("Rayleigh", 0.02), ("spread", 0.1), ("spread", 0.16), ("pair", 0.05)]
+    turn = _least_turn(temperature)
+    forms += [("branch", turn)] * (turn < WIDEST)
+    away = abs(float(temperature[0]) - ROOM) > AWAY * np.ptp(temperature)
     from_room = [("play", r) for r in (0.05, 0.1, 0.16, 0.24)] if away else []
     return (
         *(
@@ -105,6 +140,8 @@ def variants(signal: Signal) -> tuple[Variant, ...]:
 
 
 def _begin(settings: Mapping[str, Any], temperature: AnyArray) -> AnyArray:
+    if settings["loop"] == "branch":
+        return _both(temperature, 0.0)
     return xp.full(len(_parts(settings["loop"])), temperature)
 
 
@@ -113,6 +150,9 @@ def _follow(
 ) -> tuple[AnyArray, Float[AnyArray, "channels columns"]]:
     low, high = xp.asarray(moment.coldest), xp.asarray(moment.warmest)
     t = xp.clip(xp.asarray(moment.temperature), low, high)
+    if settings["loop"] == "branch":
+        state, lead = _follow_branch(state, t, moment, settings["radius"] * (high - low))
+        return state, lead if settings["on"] == "bias" else _times_inputs(moment, lead)
     widths = xp.asarray(_parts(settings["loop"])) * settings["radius"] * (high - low)
     # The play begins in the middle, at the temperature within the range, or comes from the room's.
     begun = t if settings.get("start", "middle") == "middle" else xp.full_like(t, ROOM)
@@ -121,7 +161,28 @@ def _follow(
     lead = _loop((state - t) / widths, t, low, high, settings["loop"])
     if settings["on"] == "bias":
         return state, lead[None, :]
-    return state, inputs_at(moment.triad, moment.input)[:, None] * lead[None, :]
+    return state, _times_inputs(moment, lead[None, :])
+
+
+def _both(play_now: Scalar | float, branch: Scalar | float) -> AnyArray:
+    return xp.where(np.array([True, False]), play_now, branch)
+
+
+def _follow_branch(
+    state: AnyArray, t: Scalar | float, moment: Moment, width: Scalar | float
+) -> tuple[AnyArray, Float[AnyArray, "1 1"]]:
+    """The play and the branch, which is another one from the end of the play on: a turn shows when it is over."""
+    before = xp.where(moment.first, t, state[0])
+    now = xp.clip(before, t - width, t + width)
+    branch = xp.where(now == before, xp.where(moment.first, 0.0, state[1]), xp.sign(before - now))
+    state = _both(now, branch)
+    return state, state[None, 1:]
+
+
+def _times_inputs(
+    moment: Moment, lead: Float[AnyArray, "1 columns"]
+) -> Float[AnyArray, "channels columns"]:
+    return inputs_at(moment.triad, moment.input)[:, None] * lead
 
 
 EFFECT = Effect(

@@ -1,6 +1,7 @@
 """The clock: unit by the usual step, stamps in bursts, gaps, restarts, recordings that overlap."""
 
 import numpy as np
+from jaxtyping import Float
 
 from ..data.recording_order import clocks_overlap
 from ..reduction.host_stamps import host_stamps
@@ -12,6 +13,8 @@ from .thresholds import Thresholds
 
 _GAP = 20.0  # usual steps
 _LOST = 0.02  # share of rows
+# Usual steps from a whole number, in the median: rows that are missing leave 0, stamps that scatter evenly 1/4.
+_NEAR_WHOLE = 1.0 / 8.0
 _RESTART = 60.0  # s, a gap after which a device may have been switched off
 _COOLED = 1.0  # °C across such a gap
 
@@ -82,9 +85,9 @@ def _bursts(log: Log) -> list[Finding]:
 
 def _gaps(log: Log, steps: np.ndarray) -> list[Finding]:
     gaps = np.flatnonzero(steps > _GAP * log.step)
-    lost = float(np.sum(np.maximum(np.round(steps[steps < _GAP * log.step] / log.step) - 1.0, 0.0)))
-    if lost > _LOST * len(steps) and host_stamps(log.recording.time) is None:
-        return [_lost(log, lost / len(steps))]
+    lost = _share_lost(steps[steps < _GAP * log.step] / log.step)
+    if lost > _LOST and host_stamps(log.recording.time) is None:
+        return [_lost(log, lost)]
     if not len(gaps) or len(gaps) > 0.02 * len(steps):
         return []
     widest = int(gaps[np.argmax(steps[gaps])])
@@ -100,6 +103,18 @@ def _gaps(log: Log, steps: np.ndarray) -> list[Finding]:
             row=widest,
         )
     ]
+
+
+def _share_lost(steps: Float[np.ndarray, " step"]) -> float:
+    """The share of rows that are missing, by steps in units of the usual one: what their sum has beyond their number.
+
+    None where long steps are no whole numbers of the usual one. Stamps that scatter make long steps as well, and as
+    many short ones; and where they scatter to one side the usual step is not the mean one, and nothing is missing.
+    """
+    long = steps[steps > 1.5]
+    if not len(long) or np.median(np.abs(long - np.round(long))) > _NEAR_WHOLE:
+        return 0.0
+    return float(steps.sum()) / len(steps) - 1.0
 
 
 def _lost(log: Log, share: float) -> Finding:

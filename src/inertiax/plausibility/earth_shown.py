@@ -3,11 +3,13 @@
 import math
 
 import numpy as np
+from jaxtyping import Float
 
 from ..data.recording import Site
 from ..physics.wgs84 import EARTH_RATE
-from ..reduction.shown_earth_rate import shown_earth_rate
-from .evidence import DeviceLogs
+from ..reduction.mean_noise import converter_steps
+from ..reduction.shown_earth_rate import hidden_by_steps, shown_earth_rate
+from .evidence import DeviceLogs, Log
 from .finding import Finding, finding
 from .thresholds import Thresholds
 
@@ -26,11 +28,30 @@ def check_earth_shown(device: DeviceLogs, limits: Thresholds) -> list[Finding]:
         return []
     means = lambda triad: np.concatenate([m.mean for log in logs if (m := log.over_rests(triad))])
     count = np.concatenate([log.stop - log.start for log in logs])
-    shown = shown_earth_rate(means("gyro"), means("accel"), count, site)
-    if shown is None or not shown.absent:
+    shown = shown_earth_rate(means("gyro"), means("accel"), count, site, _temperature(logs))
+    if shown is None or not shown.absent or any(_hidden(log, site) for log in logs):
         return []
     return [finding("earth_rate", "note", "gyro", _text(logs[0].name, site, shown.part, shown.std, len(count)),
                     part=shown.part, std=shown.std, rests=len(count))]  # fmt: skip
+
+
+def _hidden(log: Log, site: Site) -> bool:
+    """Whether the log's gyros are too coarse to tell (`reduction.shown_earth_rate.hidden_by_steps`)."""
+    gyro, over_rests = log.recording.gyro, log.over_rests("gyro")
+    if gyro is None or over_rests is None:
+        return False
+    return hidden_by_steps(converter_steps(gyro), np.square(over_rests.std), site)
+
+
+def _temperature(logs: list[Log]) -> Float[np.ndarray, " rest"] | None:
+    """The first probe's means over the rests, °C; `None` where a recording has none."""
+    made = []
+    for log in logs:
+        if log.recording.temperature is None:
+            return None
+        probe = log.recording.temperature[:, 0]
+        made += [probe[a:b].mean() for a, b in zip(log.start, log.stop, strict=True)]
+    return np.array(made)
 
 
 def _text(name: str, site: Site, part: float, std: float, rests: int) -> str:

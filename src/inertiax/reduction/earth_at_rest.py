@@ -75,8 +75,9 @@ def shown_by_dwells(dwells: Dwells, site: Site) -> Shown | None:
     if not is_known(dwells, site):
         return None
     rest = (np.asarray(dwells.position) >= 0) & np.asarray(dwells.valid)
-    gyro, force, count = (np.asarray(x)[rest] for x in (dwells.gyro, dwells.accel, dwells.count))
-    return shown_earth_rate(gyro, force, count, site)
+    used = (dwells.gyro, dwells.accel, dwells.count, dwells.temperature)
+    gyro, force, count, temperature = (np.asarray(x)[rest] for x in used)
+    return shown_earth_rate(gyro, force, count, site, temperature)
 
 
 def without_earth_rate(dwells: Dwells, campaign: Campaign) -> Dwells:

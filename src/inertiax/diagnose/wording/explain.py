@@ -19,9 +19,10 @@ from ..problem_of_motions import PARTED_BY
 from ..result import Evidence, Explanation, Parameter
 from ..selection.evidence import Candidate
 from ..selection.verdict import Answer, Named
+from .earth_beside import earth_beside, NAME as EARTH_RATE, PARTED_BY as EARTH_PARTED_BY
 from .sentences import Said, sentence
 from .untold_channels import channel_odds, PARTED_BY as CHANNELS_PARTED_BY
-from .untold_earth import EARTH, earth_explains, SAID
+from .untold_earth import earth_explains, SAID
 
 
 IN_SHORT = 3  # numbers that a summary says of an effect; more are in the list of its parameters
@@ -76,25 +77,32 @@ def _together(prepared: Prepared, entries: list[_Entry]) -> Explanation:
     """One entry for an effect on all its channels; the evidence and the alternatives are those of the clearest."""
     entries = [_told_apart(e, entries) for e in entries]
     lead = max(entries, key=lambda e: e.evidence.delta_bic)
-    effect, alone = lead.term.known, not lead.rivals
+    effect = lead.term.known
     where = " It shows in the motions between rests." if prepared.motions else ""
     where += _passed_once(prepared, lead.term) if effect.jump else ""
     of_the_station = effect.common and "rad" in effect.units.values()  # angles
     where += share_of_axes(prepared.axes) if of_the_station else ""
-    values, rivals = _parameters(entries), lead.rivals
-    if EARTH not in rivals and earth_explains(prepared, lead.term.name, dict(values)):
-        where, rivals = where + SAID, (*rivals, EARTH)
+    values, taken = _parameters(entries), ""
+    if not prepared.motions:
+        taken = earth_beside(prepared.log, [(e.term, e.said.values) for e in entries])
+    earth = taken
+    if not earth and EARTH_RATE not in lead.rivals:
+        earth = SAID * earth_explains(prepared, lead.term.name, dict(values))
+    where += earth
+    alternatives = (*lead.rivals, *[EARTH_RATE] * (earth != "" and EARTH_RATE not in lead.rivals))
+    alone = not lead.rivals  # no run parts what a driver did to the outputs
     untold = tuple(next((e.said.on_channels for e in entries if e.said.on_channels), ()))
     return Explanation(
         name=lead.term.name,
         channels=tuple(dict.fromkeys(c for e in entries for c in e.said.channels)),
         form=lead.term.variant.label,
-        alternatives=rivals,
+        alternatives=alternatives,
         odds=tuple(lead.said.odds),
         parameters=values,
         evidence=lead.evidence,
         statement=_sentences(effect, entries, math.inf) + where,
         separating_experiment=(CHANNELS_PARTED_BY if untold else "")
+        + (EARTH_PARTED_BY if taken else "")
         + (PARTED_BY if prepared.motions else experiment(effect, alone=alone)),
         in_short=_sentences(effect, entries, IN_SHORT) + where,
         channel_odds=untold,
@@ -139,7 +147,13 @@ def _sentences(effect: Effect, entries: list[_Entry], most: float | int) -> str:
         settings = e.term.variant.settings
         groups.setdefault((acts_on(settings), said_of_coefficients(settings)), []).append(e)
     return " ".join(
-        sentence(effect, g[0].term.variant.settings, [e.said for e in g], most=most)
+        sentence(
+            effect,
+            g[0].term.variant.settings,
+            [e.said for e in g],
+            most=most,
+            moments=len({e.term.variant.settings.get("time") for e in g}),
+        )
         for g in groups.values()
     )
 

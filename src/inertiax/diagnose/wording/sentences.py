@@ -43,17 +43,24 @@ class Said(NamedTuple):
 
 
 def sentence(
-    effect: Effect, settings: Settings, members: Sequence[Said], *, most: float | int = math.inf
+    effect: Effect,
+    settings: Settings,
+    members: Sequence[Said],
+    *,
+    most: float | int = math.inf,
+    moments: int = 1,
 ) -> str:
     """What the effect is, on what it acts, how large, and which rivals remain.
 
     **Arguments:** `members` are all channels that have it in a form with these `settings`; of more than `most` numbers
-    none is said.
+    none is said. `moments` is how many there are of an effect that has one.
     """
     channels = list(dict.fromkeys(c for m in members for c in m.channels))
     on = acts_on(settings)
     acts = "" if on is None else f" It acts on {on}."
     text = effect.sentence.format(channels=", ".join(channels))
+    if moments > 1:
+        text = text.replace("at one moment", f"at {moments} moments")
     equal = _as_likely(members)
     if equal:
         text = (

@@ -11,7 +11,6 @@ from ..problem import Prepared
 from ..result import Parameter
 
 
-EARTH = "earth_rate"
 SAID = (
     " It is no larger than the Earth's rate makes (15 °/h), whose heading no reference tells here, so that earth_rate "
     "explains it as well where a table repeats its poses; a table's angles with [site] latitude tell them apart."
