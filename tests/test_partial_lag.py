@@ -113,6 +113,7 @@ def test_what_was_named_without_some_rests_is_weighed_on_its_own_rows():
         problem = prepare(Campaign((log,), Site(GRAVITY), model=model))
         (whole,) = problem.triads
         kept = np.arange(whole.blocks.num_blocks) < whole.blocks.num_blocks - 4
+        assert whole.only is not None
         fewer = whole.only(kept)
         column = np.linspace(0.0, 1.0, fewer.blocks.num_blocks)[:, None]
         term = Term("temperature_rate", "accel", (0,), Variant("", {}), (0,), (column,))
