@@ -42,6 +42,7 @@ from .column_words import (
 )
 from .converters import ACCEL_SCALES, G, nearest, whole
 from .mag_unit import in_earths_field, mag_unit
+from .probe_choice import ranked, rivals
 from .raw_log import RawLog
 from .split_stamps import is_since_1970, split_stamps
 from .tagged_rows import refuse_tagged_rows
@@ -81,6 +82,7 @@ class Roles(NamedTuple):
     probe_of_axis: bool = (
         False  # whether the temperature is that of the first axis, of one for each
     )
+    probes: tuple[str, ...] = ()  # temperatures that may each be the device's, where several may
 
 
 def roles_of(log: RawLog, only: str | None = None) -> Roles:
@@ -226,10 +228,7 @@ def _by_name(log: RawLog) -> Roles:
     free = [n for n in (*log.stamps, *log.names) if n not in taken]
     temperature = [n for n in free if means("temperature", n) and not _tells_years(log, n)]
     temperature = temperature or _t_that_is_no_time(log, free)
-    # Dead ones last, and before them those of the chamber, which the device follows late
-    temperature.sort(
-        key=lambda n: (n in log.numbers and not np.any(log.numbers[n]), means("surroundings", n))
-    )
+    temperature = ranked(log, temperature)
     times = [n for n in free if means("time", n) and n not in temperature]
     position = next((n for n in free if means("position", n) and n in log.numbers), None)
     notes += [f"{n}: a further temperature, left aside" for n in temperature[1:]]
@@ -250,6 +249,7 @@ def _by_name(log: RawLog) -> Roles:
         device=next((n for n in (*log.texts, *free) if means("device", n)), None),
         experiment=next((n for n in free if means("experiment", n) and n in log.numbers), None),
         probe_of_axis=any(temperature[:1] == [t[0]] for t in of_axes),
+        probes=rivals(log, temperature),
         unnamed=tuple(
             t for t in unnamed if t not in by_norm[:1] and all(n in log.numbers for n in t)
         ),

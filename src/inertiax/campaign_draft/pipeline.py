@@ -304,7 +304,12 @@ def _columns(
         else:
             one = found.roles.probe_of_axis
             why = f"{told.why}{'; it stands for all axes: a device has one temperature' * one}"
-            certain = told.certain and not one
+            several = () if one else found.roles.probes
+            if several:
+                why += (
+                    f"; taken by its name among {', '.join(several)}: is it nearest to the sensors?"
+                )
+            certain = told.certain and not one and not several
             lines.append(Line("temperature", told.of_column(name), why, certain))
     return tuple(lines), tuple(remarks), upright
 
