@@ -146,6 +146,8 @@ def draft_campaign(
     columns = columns_table(lines, remarks, found)
     if apart is not None and apart.aside:
         columns = columns._replace(unread=(*columns.unread, apart.remark))
+    if found.beside is not None:
+        columns = columns._replace(unread=(*columns.unread, found.beside))
     if latitude is None:
         site = site_of_reference(found) or site
     serial = _serial(log, others, tables)
