@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hand_log_data import ACCEL_BIAS, DEGREE, draft, G, hand_log, written
+from hand_log_data import ACCEL_BIAS, CANONICAL, DEGREE, draft, G, hand_log, written
 from inertiax.data.campaign import load_campaign
 
 
@@ -113,3 +113,14 @@ def test_counts_at_rest_by_a_data_sheet_are_no_field(tmp_path):
     counts = np.round([20.0, -30.0, 16384.0] + RNG.normal(0.0, 20.0, (600, 3)))
     draft(written(tmp_path / "raw.txt", (counts,)))
     assert "may be a magnetometer's as well" not in (tmp_path / "campaign.toml").read_text()
+
+
+def test_a_quaternion_whose_norm_is_not_kept_is_no_further_triad(tmp_path):
+    attitude = 0.98 * np.tile([0.1, -0.2, 0.3, np.sqrt(0.86)], (len(TIME), 1))
+    path = written(
+        tmp_path / "log.csv", (TIME, ACCEL, GYRO, attitude), f"time_s,{CANONICAL},x,y,z,w"
+    )
+    draft(path)
+    text = (tmp_path / "campaign.toml").read_text()
+    assert "# x, y, z, w: a quaternion by their names, left aside" in text
+    assert "further accel" not in text and "Not read" not in text

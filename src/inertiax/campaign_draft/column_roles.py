@@ -28,7 +28,14 @@ from .column_numbers import (
     rises,
     varies,
 )
-from .column_triads import called, is_of_quaternion, is_one_array, of_one_six, triads_by_name
+from .column_triads import (
+    called,
+    is_of_quaternion,
+    is_one_array,
+    left_aside,
+    of_one_six,
+    triads_by_name,
+)
 from .column_words import (
     behind_owner,
     FILES,
@@ -219,11 +226,7 @@ def _by_name(log: RawLog) -> Roles:
         f"{t[0]}, {t[1]}, {t[2]}: taken for the accelerometers, because their norm is that of gravity"
         for t in by_norm[:1]
     ]
-    notes += [
-        f"{t[0]}, {t[1]}, {t[2]}: a further {kind} triad, left aside"
-        for kind, found in kinds.items()
-        for t in found[1:]
-    ]
+    notes += [left_aside(log, kind, t) for kind, found in kinds.items() for t in found[1:]]
     taken = {n for t in triads for n in t}
     free = [n for n in (*log.stamps, *log.names) if n not in taken]
     temperature = [n for n in free if means("temperature", n) and not _tells_years(log, n)]
