@@ -16,8 +16,8 @@ _BLOCK = 0.1  # s, of a mean: shorter than a step, longer than a motor's vibrati
 _SAMPLES = 4  # at least, of a mean: white noise leaves a quarter of its variance in it
 _SHARE = 1 / 3  # of the variance within a window, in the means: more than white noise leaves
 # Times what white noise leaves in means of n samples, 1/n, that every triad must have: a third more than its mean,
-# where the quietest windows of white noise have half of it. Steps shake accelerometers between means, too, and leave less
-# than a third in them.
+# where the quietest windows of white noise have half of it. Steps shake accelerometers between means, too, and leave
+# less than a third in them.
 _OVER_WHITE = 4 / 3
 # rad/s, scatter of the means, all axes together, 5°/s: 1°/s/√Hz on each axis, ten times the noisiest gyros sold, and
 # twice what a hand that holds still does.
