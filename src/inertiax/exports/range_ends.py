@@ -73,10 +73,10 @@ class RangeEnds:
         for (triad, axis, _), end in self._ends.items():
             if self._stays(triad, axis, end):
                 factor, unit = _UNITS[triad]
+                reads = f"reads no further than {factor * end.value:.4g} {unit}, in {end.rows} rows"
                 said.append(
-                    f"{name}: {triad} {'xyz'[axis]} reads no further than {factor * end.value:.4g} {unit}, in "
-                    f"{end.rows} rows: what was beyond is lost, and compensated outputs do not show which rows these are; "
-                    "find them in the recorded column"
+                    f"{name}: {triad} {'xyz'[axis]} {reads}: what was beyond is lost, and compensated outputs do not "
+                    "show which rows these are; find them in the recorded column"
                 )
         return tuple(said)
 
