@@ -49,6 +49,30 @@ def test_a_walk_is_no_rest(triads):
         reduce_to_dwells([log])
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_a_walk_at_the_ankle_is_no_rest(seed):
+    """At 50 Hz steps shake the accelerometers from sample to sample, too: three tenths of it are in means of five."""
+    time, accel, gyro = walk(120.0, seed=seed)
+    accel = accel + 2.3 * np.random.default_rng(seed).normal(size=accel.shape)
+    thin = slice(None, None, 2)
+    found = find_rests(
+        Recording(time=time[thin], accel=accel[thin], gyro=gyro[thin], name="ankle.csv"), window=1.0
+    )
+    assert len(found.start) == 0 and found.statement.startswith("no rest: the device moves all")
+
+
+@pytest.mark.parametrize("loud", ["accel", "gyro"])
+def test_one_triad_that_sways_beside_white_noise_rests(loud):
+    """Gyros in a wrong unit whose bias sways, or a bench that sways under them: the other triad's noise is white."""
+    rng = np.random.default_rng(4)
+    time = np.arange(5400) / 45.0
+    sway = np.sin(2 * np.pi * time)[:, None]
+    accel = [0.0, 0.0, G] + 4.0 * rng.normal(size=(5400, 3)) + 4.0 * (loud == "accel") * sway
+    gyro = np.radians(30.0) * rng.normal(size=(5400, 3)) + 0.6 * (loud == "gyro") * sway
+    found = find_rests(Recording(time=time, accel=accel, gyro=gyro), window=1.0)
+    assert sum(found.stop - found.start) > 0.9 * 5400
+
+
 def test_a_rest_shorter_than_a_twentieth_of_a_walk_is_found():
     time, accel, gyro = walk(120.0, still=3.0)
     found = find_rests(Recording(time=time, accel=accel, gyro=gyro), window=1.0)

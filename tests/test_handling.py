@@ -13,7 +13,7 @@ from inertiax.data.recording import Campaign, ModelChoice, Recording, Rig, Site
 from inertiax.diagnose.observations.blocks import cut, join
 from inertiax.diagnose.observations.model_rows import ModelForm, usable
 from inertiax.reduction.clipping import clipped
-from inertiax.reduction.handling import kept_sentence, left_out_sentence
+from inertiax.reduction.handling import kept_sentence, left_out_sentence, Undisturbed
 from inertiax.reduction.held_rests import variance_by_parts
 from inertiax.reduction.knocks import levels_of, spiked
 from inertiax.reduction.quiet_level import Bursts
@@ -447,3 +447,18 @@ def test_a_hand_that_rests_for_a_second_at_a_time_rests_as_often_as_it_does(
     found = segment(Recording(time=np.arange(len(moving)) / RATE, accel=force))
     assert found.num_segments == 25
     assert not any(moving[a:b].any() for a, b in zip(found.start, found.stop))
+
+
+@pytest.mark.parametrize("last", [500, 900])
+def test_the_pause_behind_a_rest_is_not_counted_as_rest(last):
+    """5 s of rows from 0 s, a pause of 1000 s, 4 s of rows: the first rest ends with its rows, as does the second."""
+    time = np.concatenate([np.arange(500), 100_500 + np.arange(400)]) / RATE
+    recording = Recording(time=time, accel=np.tile([0.0, 0.0, G], (900, 1)))
+    first = last - 400
+    left = Undisturbed(
+        np.array([first]), np.array([last]), np.zeros(1, int), np.ones(900, bool), ()
+    )
+    held = left.noted(recording, "held", 0, first, last)
+    assert held.end - held.start == pytest.approx(4.0, abs=0.011)
+    if last == 500:
+        assert str(left_out_sentence([held])).endswith(" left out, 4 s of rest in all.")

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from hand_log_data import ACCEL_BIAS, DEGREE, draft, G, hand_log, written
+from hand_log_data import ACCEL_BIAS, CANONICAL, DEGREE, draft, G, hand_log, written
+from inertiax.campaign_draft import draft_campaign
 from inertiax.data.campaign import load_campaign
 
 
@@ -113,3 +114,31 @@ def test_counts_at_rest_by_a_data_sheet_are_no_field(tmp_path):
     counts = np.round([20.0, -30.0, 16384.0] + RNG.normal(0.0, 20.0, (600, 3)))
     draft(written(tmp_path / "raw.txt", (counts,)))
     assert "may be a magnetometer's as well" not in (tmp_path / "campaign.toml").read_text()
+
+
+def test_a_quaternion_whose_norm_is_not_kept_is_no_further_triad(tmp_path):
+    attitude = 0.98 * np.tile([0.1, -0.2, 0.3, np.sqrt(0.86)], (len(TIME), 1))
+    path = written(
+        tmp_path / "log.csv", (TIME, ACCEL, GYRO, attitude), f"time_s,{CANONICAL},x,y,z,w"
+    )
+    draft(path)
+    text = (tmp_path / "campaign.toml").read_text()
+    assert "# x, y, z, w: a quaternion by their names, left aside" in text
+    assert "further accel" not in text and "Not read" not in text
+
+
+@pytest.mark.parametrize(
+    ("zero", "said"),
+    [(0.9, "are likely a magnetometer's"), (0.05, "may be a magnetometer's as well")],
+)
+def test_counts_whose_zero_lies_far_beside_0_are_likely_a_field(tmp_path, zero, said):
+    """A device turned all ways in a hand, with iron beside its magnetometer; `init` says it, not the file alone."""
+    rng = np.random.default_rng(6)
+    up = rng.standard_normal((40, 3))
+    path = np.concatenate([np.linspace(a, b, 30) for a, b in zip(up[:-1], up[1:])])
+    path /= np.linalg.norm(path, axis=1, keepdims=True)
+    counts = np.round(
+        3550.0 * (path + zero * np.array([-0.3, 0.8, 0.2])) + rng.normal(0, 5, path.shape)
+    )
+    found = draft_campaign(written(tmp_path / "cal.csv", (counts,)), tmp_path)
+    assert said in found.untold["accel"]

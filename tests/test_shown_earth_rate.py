@@ -11,7 +11,7 @@ from inertiax.diagnose.observations.without_earth import earth_taken_away
 from inertiax.physics.wgs84 import EARTH_RATE
 from inertiax.plausibility import check_campaign
 from inertiax.reduction.dwell_means import reduce_to_dwells
-from inertiax.reduction.earth_at_rest import without_vertical_earth_rate
+from inertiax.reduction.earth_at_rest import shown_by_dwells, without_vertical_earth_rate
 from inertiax.reduction.segments import segment_each
 from inertiax.reduction.shown_earth_rate import Shown, shown_earth_rate
 
@@ -175,3 +175,27 @@ def test_rows_that_count_in_no_dwell_do_not_tell_a_diagnosis_either():
     dwells = reduce_to_dwells([log], segments=segments)
     assert without_vertical_earth_rate(dwells, SITE) is dwells
     assert earth_taken_away([log], segments, SITE) is None
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_check_tells_it_by_the_dwells_of_calibrate(seed):
+    """Rests of which three in four are knocked, by both triads: by all rows the gyros would not tell."""
+    campaign = at_rest(0.0, seed)
+    (recording,) = campaign.recordings
+    rng = np.random.default_rng(seed)
+    accel, gyro = np.array(recording.accel), np.array(recording.gyro)
+    (part,) = segment_each(campaign.recordings, handling=False)
+    for a in part.start[part.resting][::3]:
+        ring = np.exp(-np.arange(10) / 3.0)[:, None]
+        accel[a + 90 : a + 100] += ring * rng.normal(0.0, 1.0, 3)
+        gyro[a + 90 : a + 100] += ring * rng.normal(0.0, 0.2, 3)
+    knocked = dataclasses.replace(recording, accel=accel, gyro=gyro)
+    campaign = dataclasses.replace(campaign, recordings=(knocked,))
+    told = [f for f in check_campaign(campaign).findings if f.kind == "earth_rate"]
+    segments = segment_each(campaign.recordings, held=True)
+    dwells = reduce_to_dwells(campaign.recordings, segments=segments)
+    assert without_vertical_earth_rate(dwells, SITE) is dwells
+    shown = shown_by_dwells(dwells, SITE)
+    assert shown is not None and [dict(f.evidence)["part"] for f in told] == [
+        pytest.approx(shown.part)
+    ]

@@ -28,7 +28,14 @@ from .column_numbers import (
     rises,
     varies,
 )
-from .column_triads import called, is_of_quaternion, is_one_array, of_one_six, triads_by_name
+from .column_triads import (
+    called,
+    is_of_quaternion,
+    is_one_array,
+    left_aside,
+    of_one_six,
+    triads_by_name,
+)
 from .column_words import (
     behind_owner,
     FILES,
@@ -42,6 +49,7 @@ from .column_words import (
 )
 from .converters import ACCEL_SCALES, G, nearest, whole
 from .mag_unit import in_earths_field, mag_unit
+from .probe_choice import ranked, rivals
 from .raw_log import RawLog
 from .split_stamps import is_since_1970, split_stamps
 from .tagged_rows import refuse_tagged_rows
@@ -81,6 +89,7 @@ class Roles(NamedTuple):
     probe_of_axis: bool = (
         False  # whether the temperature is that of the first axis, of one for each
     )
+    probes: tuple[str, ...] = ()  # temperatures that may each be the device's, where several may
 
 
 def roles_of(log: RawLog, only: str | None = None) -> Roles:
@@ -217,19 +226,12 @@ def _by_name(log: RawLog) -> Roles:
         f"{t[0]}, {t[1]}, {t[2]}: taken for the accelerometers, because their norm is that of gravity"
         for t in by_norm[:1]
     ]
-    notes += [
-        f"{t[0]}, {t[1]}, {t[2]}: a further {kind} triad, left aside"
-        for kind, found in kinds.items()
-        for t in found[1:]
-    ]
+    notes += [left_aside(log, kind, t) for kind, found in kinds.items() for t in found[1:]]
     taken = {n for t in triads for n in t}
     free = [n for n in (*log.stamps, *log.names) if n not in taken]
     temperature = [n for n in free if means("temperature", n) and not _tells_years(log, n)]
     temperature = temperature or _t_that_is_no_time(log, free)
-    # Dead ones last, and before them those of the chamber, which the device follows late
-    temperature.sort(
-        key=lambda n: (n in log.numbers and not np.any(log.numbers[n]), means("surroundings", n))
-    )
+    temperature = ranked(log, temperature)
     times = [n for n in free if means("time", n) and n not in temperature]
     position = next((n for n in free if means("position", n) and n in log.numbers), None)
     notes += [f"{n}: a further temperature, left aside" for n in temperature[1:]]
@@ -250,6 +252,7 @@ def _by_name(log: RawLog) -> Roles:
         device=next((n for n in (*log.texts, *free) if means("device", n)), None),
         experiment=next((n for n in free if means("experiment", n) and n in log.numbers), None),
         probe_of_axis=any(temperature[:1] == [t[0]] for t in of_axes),
+        probes=rivals(log, temperature),
         unnamed=tuple(
             t for t in unnamed if t not in by_norm[:1] and all(n in log.numbers for n in t)
         ),

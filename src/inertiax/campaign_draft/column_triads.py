@@ -90,14 +90,30 @@ def is_one_array(names: tuple[str, ...]) -> bool:
     return len(names) > 3 and names == tuple(f"{first}_{k}" for k in range(len(names)))
 
 
-def is_of_quaternion(log: RawLog, triad: tuple[str, str, str]) -> bool:
-    """Whether three columns with one called w beside them have a norm of 1 together: an attitude."""
+def fourth_of(log: RawLog, triad: tuple[str, str, str]) -> str | None:
+    """The column w beside x, y, z; `None` where there is none."""
     place = _axis(triad)
     fourth = None if place is None else {"x": "w", "X": "W"}.get(triad[0][place])
     if fourth is None or place is None:
-        return False
+        return None
     name = triad[0][:place] + fourth + triad[0][place + 1 :]
-    if any(n not in log.numbers for n in (*triad, name)):
+    return name if name in log.numbers else None
+
+
+def is_of_quaternion(log: RawLog, triad: tuple[str, str, str]) -> bool:
+    """Whether three columns with one called w beside them have a norm of 1 together: an attitude."""
+    name = fourth_of(log, triad)
+    if name is None or any(n not in log.numbers for n in triad):
         return False
     norm = np.linalg.norm([log.numbers[n] for n in (*triad, name)], axis=0)
     return abs(float(np.nanmedian(norm)) - 1.0) < _UNIT
+
+
+def left_aside(log: RawLog, kind: str, triad: tuple[str, str, str]) -> str:
+    """The remark on a triad beside another of its kind: with a column w it is an attitude, whose norm need not be 1,
+    as of a filter that does not keep it."""
+    columns = ", ".join(triad)
+    fourth = fourth_of(log, triad)
+    if fourth is not None:
+        return f"{columns}, {fourth}: a quaternion by their names, left aside"
+    return f"{columns}: a further {kind} triad, left aside"

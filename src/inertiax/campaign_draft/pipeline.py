@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float
 
 from ..data.compensated import has_column, reads_compensated
 from ..data.formats import ros
@@ -35,8 +34,9 @@ from .gyros_by_turns import turns_between, with_gyros_by_turns
 from .increments import as_rates, of_increments
 from .joined_logs import alike, followed_by
 from .mag_line import magnetometers
-from .mag_unit import about_center, turned_all_ways
+from .mag_unit import about_center
 from .novatel_counts import of_novatel
+from .or_a_field import or_a_field
 from .pose_remarks import on_poses, poses_of, rests_by_both
 from .raw_log import read_log
 from .raw_triads import columns, RawTriads, read_triads
@@ -61,9 +61,6 @@ from .upright_rate import upright_rate, UprightRate
 
 
 _TABLES = ("csv", "imu_tk", "parquet", "hdf5", "matlab")
-_POSES_OF_A_SPHERE = 6  # below them the scale rests on no sphere (`accel_unit.sphere`)
-# Of counts without names neither size nor sphere tells gravity from the Earth's field.
-_OR_A_FIELD = f"{CHECK} accel: counts without a name may be a magnetometer's as well; then call their columns mag"
 _ENOUGH = 1000  # samples tell where the middle of the outputs is
 
 
@@ -146,6 +143,8 @@ def draft_campaign(
     columns = columns_table(lines, remarks, found)
     if apart is not None and apart.aside:
         columns = columns._replace(unread=(*columns.unread, apart.remark))
+    if found.beside is not None:
+        columns = columns._replace(unread=(*columns.unread, found.beside))
     if latitude is None:
         site = site_of_reference(found) or site
     serial = _serial(log, others, tables)
@@ -256,10 +255,13 @@ def _columns(
         told_by_counts = of_novatel(found, unit)
         unit = unit if told_by_counts is None else told_by_counts[0]
         units["accel"] = unit
-        lines.append(_triad("accel", found.roles.accel if named else None, unit))
+        line = _triad("accel", found.roles.accel if named else None, unit)
         called = FILES["accel"].search(plain(found.log.path.stem))
-        if found.gyro is None and not (named or called) and _or_a_field(found.accel, rests, unit):
-            remarks.append(_OR_A_FIELD)
+        if found.gyro is None and not (named or called):
+            doubt = or_a_field(found.accel, rests, unit)
+            if doubt is not None:
+                line = line._replace(why=f"{line.why}; {doubt}", certain=False)
+        lines.append(line)
     if found.gyro is not None:
         moving, range_ = _in_motion(found), found.log.stated_range
         tossed = found.accel is not None and shaken(found.accel - middle(found.accel))
@@ -304,7 +306,12 @@ def _columns(
         else:
             one = found.roles.probe_of_axis
             why = f"{told.why}{'; it stands for all axes: a device has one temperature' * one}"
-            certain = told.certain and not one
+            several = () if one else found.roles.probes
+            if several:
+                why += (
+                    f"; taken by its name among {', '.join(several)}: is it nearest to the sensors?"
+                )
+            certain = told.certain and not one and not several
             lines.append(Line("temperature", told.of_column(name), why, certain))
     return tuple(lines), tuple(remarks), upright
 
@@ -344,13 +351,3 @@ def _model(found: RawTriads, rests: Resting) -> Table:
 
 def _by_data_sheet(accel: TriadUnit | None) -> bool:
     return accel is not None and accel.unit == "count" and accel.scale in ACCEL_SCALES
-
-
-def _or_a_field(accel: Float[np.ndarray, "time 3"], rests: Resting, unit: TriadUnit) -> bool:
-    """Whether counts without a name may be a magnetometer's: a data sheet's scale tells accelerometers, if it is read
-    in rests. In a device that turns all ways and rests in no poses a field is as steady, of whatever counts."""
-    if unit.unit != "count":
-        return False
-    of_a_sheet = unit.scale in ACCEL_SCALES and whole(accel)
-    laid_down = not rests.slowly and poses_of(accel, rests) >= _POSES_OF_A_SPHERE
-    return not of_a_sheet or (not laid_down and turned_all_ways(accel))

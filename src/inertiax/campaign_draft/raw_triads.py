@@ -24,6 +24,11 @@ _LISTED = 4  # lengths in an error
 _AGAIN = 0.2
 
 
+# Of the longer of two files that nobody named together, the share of time that both cover: an app begins and ends its
+# files within a second or two, and recordings made one after the other have lengths of their own (convention).
+_TOGETHER = 0.9
+
+
 class RawTriads(NamedTuple):
     """Outputs on one clock, in the file's units."""
 
@@ -36,6 +41,9 @@ class RawTriads(NamedTuple):
     accel: Float[np.ndarray, "time 3"] | None
     gyro: Float[np.ndarray, "time 3"] | None
     gyro_time: str | None = None  # the stamps of the gyros' file, where it calls them otherwise
+    beside: str | None = (
+        None  # what is said of a gyros' file that lay beside the log and was not asked for
+    )
 
     @property
     def gyro_columns(self) -> tuple[str, str, str] | None:
@@ -68,11 +76,26 @@ def read_triads(path: Path, gyro_path: Path | None) -> RawTriads:
     """Both triads. Raises `ValueError` where a file holds none, or triads were not logged at the same time."""
     log = _with_a_triad(path)
     if gyro_path is None:
-        try:
-            return _read(path, log, gyros_beside(path, log))
-        except ValueError:  # what lies beside it is no part of this log
-            return _read(path, log, None)
+        return _with_what_lies_beside(path, log)
     return _read(path, log, gyro_path)
+
+
+def _with_what_lies_beside(path: Path, log: RawLog) -> RawTriads:
+    """The log with the gyros' file beside it, where that is of the same recording; else alone, with the reason."""
+    other = gyros_beside(path, log)
+    if other is None:
+        return _read(path, log, None)
+    try:
+        found = _read(path, log, other, asked=False)
+    except ValueError as error:  # what lies beside it is no part of this log
+        why = str(error).removesuffix(".")
+        remark = f'Not read: "{other.name}" beside it. {why}. `init {path.name} --gyro {other.name}` takes it.'
+        return _read(path, log, None)._replace(beside=remark)
+    remark = (
+        f'The gyros are those of "{other.name}" beside it. If that is another recording, take gyro_files, gyro_names '
+        "and [columns] gyro out of campaign.toml."
+    )
+    return found._replace(beside=remark)
 
 
 def _with_a_triad(path: Path) -> RawLog:
@@ -107,7 +130,8 @@ def _rows(log: RawLog) -> int:
     return len(next(iter(log.numbers.values())))
 
 
-def _read(path: Path, log: RawLog, gyro_path: Path | None) -> RawTriads:
+def _read(path: Path, log: RawLog, gyro_path: Path | None, *, asked: bool = True) -> RawTriads:
+    """Both triads; a gyros' file that nobody `asked` for has to show that it is of the same recording."""
     roles = roles_of(log, None if gyro_path is None else "accel")
     # The format's own reader takes one file for accelerometers.
     if log.format == imu_tk.NAME and roles.accel is None:
@@ -135,9 +159,24 @@ def _read(path: Path, log: RawLog, gyro_path: Path | None) -> RawTriads:
     assert accel is not None and gyro is not None
     first = Recording(time=absolute(log, clock), accel=accel, name=path.name)
     second = Recording(time=absolute(other, other_clock), gyro=gyro, name=gyro_path.name)
+    if not asked:
+        _require_one_recording(first, second, counted=None in (clock.name, other_clock.name))
     both = pair(first, second, counted=clock.name is None).recording
     own = other_clock.name if named_otherwise else None
     return RawTriads(log, roles, clock, other, other_roles, both.time, both.accel, both.gyro, own)
+
+
+def _require_one_recording(accel: Recording, gyro: Recording, *, counted: bool) -> None:
+    """Raises `ValueError` where two files do not show by their stamps that they were written together."""
+    if counted:
+        raise ValueError(
+            "Without stamps in both files nothing shows that they were logged together."
+        )
+    ends = [(r.time[0], r.time[-1]) for r in (accel, gyro)]
+    both = min(last for _, last in ends) - max(first for first, _ in ends)
+    if both < _TOGETHER * max(last - first for first, last in ends):
+        said = " and ".join(f"{first:.6g} to {last:.6g} s" for first, last in ends)
+        raise ValueError(f"The two files are not of the same time ({said}).")
 
 
 def _samples(log: RawLog, roles: Roles) -> RawLog:

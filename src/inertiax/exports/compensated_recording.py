@@ -24,6 +24,7 @@ from ..data.recording import Recording
 from .better_at_rest import AtRest, Tally
 from .compensated_field import feels_current, further_columns
 from .extrapolation import extrapolated, margin
+from .range_ends import RangeEnds
 from .recording_source import channels_of, in_service, rows_of_device, source_of
 from .replaced_columns import replaced_columns
 from .required_columns import require_fit
@@ -188,6 +189,9 @@ def _compensated_table(
     force, rate, outside, left_out = _compensate(calibration, recording)
     further = further_columns(calibration, recording)
     notes = notes_on(calibration, recording, Extent.of(recording, outside), name)
+    ends = RangeEnds()
+    ends.add(recording)
+    notes += ends.notes(name)
     notes += tuple(f"{name}: {line}" for line in left_out)
     units = units_of(calibration, recording)
     notes += replaced_columns(table, recording, units, name)

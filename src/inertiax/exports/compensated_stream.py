@@ -34,6 +34,7 @@ from .compensated_recording import (
     units_of,
     with_outputs,
 )
+from .range_ends import RangeEnds
 from .recording_source import in_service, source_of
 from .replaced_columns import replaced_columns
 from .required_columns import require_fit
@@ -108,7 +109,7 @@ def _in_pieces(
         raise ValueError(f"{name}: stamps are mended in the whole log alone.")
     columns = in_service(columns)  # a sample is compensated without references and labels
     extent, last, replaced, empty, repeated = Extent(), None, (), 0, 0
-    tally = Tally(float(calibration.gravity))
+    tally, ends = Tally(float(calibration.gravity)), RangeEnds()
     with write() as writer:
         for table, shown in tables:
             kept = kept_rows(table, columns, Layout())
@@ -123,6 +124,7 @@ def _in_pieces(
                 raise ValueError("a current that is held goes beyond a piece.")
             force, rate, outside = by_parameters(calibration, recording)
             tally.add(recording, force, rate)
+            ends.add(recording)
             further = further_columns(calibration, recording)
             if last is None:
                 units = units_of(calibration, recording)
@@ -135,7 +137,7 @@ def _in_pieces(
     if last is None:
         raise ValueError(f"{name}: no rows.")
     left_out = notes_on_rows(name, empty, repeated)
-    notes = (*notes_on(calibration, last, extent, name), *replaced, *left_out)
+    notes = (*notes_on(calibration, last, extent, name), *ends.notes(name), *replaced, *left_out)
     units = units_of(calibration, last)
     return Written(extent.rows, extent.outside, notes, units, tally.result())
 

@@ -45,10 +45,8 @@ LINEAR = 2e-3  # change of the gyros' matrix over which a turn by radians is lin
 _MOST_STEPS = 6
 TRIADS = {"accel": "accelerometers", "gyro": "gyros"}
 PRIOR_RATE = 1.0  # rad/s, of a gyro's bias: wider than any
-MOST_FURTHER = 200  # rests; where more are needed, nothing that a person can do gains (convention)
 SOON = 1.0  # rests before a session may stop from which on it says how many are still needed
 FORESEEN = 3.0  # times the target; beyond, the forecast was three times the truth (`benchmarks/live_hand.py`)
-JUDGED_FROM = 18  # rests, before which nobody says that nothing gains
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -89,12 +87,6 @@ class Estimate:
     def reached(self) -> bool:
         """Whether the target is reached and the batch estimate will say so, too."""
         return self.determined and self.ratio <= 1.0
-
-    @property
-    def exhausted(self) -> bool:
-        """Whether the rests that are still needed are beyond what a person does: n (ρ² − 1) for a ratio of ρ."""
-        further = self.rests * (self.ratio**2 - 1.0)
-        return self.rests >= JUDGED_FROM and self.determined and further > MOST_FURTHER
 
     @property
     def worst(self) -> str | None:

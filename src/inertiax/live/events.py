@@ -4,6 +4,7 @@ import numpy as np
 
 from ..calibration.quantities import customary_unit
 from .estimate import Estimate, Triad, TRIADS
+from .far_target import far_target_in_words
 from .next_position import NextPosition
 from .rest_ledger import Rest
 from .row_store import RowStore
@@ -101,6 +102,11 @@ def warming_event(triad: Triad, rests: list[Rest]) -> Event:
         f"{factor * triad.slopes[worst]:.2g} {unit} per °C. They are said at the rests' mean; this needs more rests "
         "than one temperature does: let the device warm up before a session.",
     )
+
+
+def far_target_event(found: Estimate, further: int) -> Event:
+    """The target needs so many `further` rests that a person hardly makes them."""
+    return problem_event("target", "note", far_target_in_words(found, further))
 
 
 def next_event(position: NextPosition, *, provisional: bool = False) -> Event:

@@ -17,6 +17,7 @@ from .estimate import counts_held, Estimate, estimate
 from .events import (
     done_event,
     Event,
+    far_target_event,
     next_event,
     problem_event,
     progress_event,
@@ -26,6 +27,7 @@ from .events import (
     warming_event,
     withdrawn_event,
 )
+from .far_target import nothing_gains, rests_to_target
 from .itinerary import Itinerary
 from .next_position import NextPosition
 from .rest_ledger import judge, Judged, matched, RECENT, Rest, WINDOW
@@ -279,9 +281,17 @@ class Session:
                 self._told.add(key)
                 yield warming_event(triad, self.accepted)
         yield progress_event(self.estimate)
+        yield from self._far(self.estimate)
         position = self._position(self.accepted, self.estimate)
         if position is not None and not provisional:
             yield next_event(position)
+
+    def _far(self, found: Estimate) -> Iterator[Event]:
+        """That the target is far away, told once."""
+        further = rests_to_target(found)
+        if further is not None and self.itinerary is None and ("target", "far") not in self._told:
+            self._told.add(("target", "far"))
+            yield far_target_event(found, further)
 
     def _position(self, rests: list[Rest], found: Estimate) -> NextPosition | None:
         """What comes next: the itinerary's next step, or what gains most."""
@@ -316,10 +326,7 @@ class Session:
 
     def _is_exhausted(self, found: Estimate, *, count: bool = True) -> bool:
         """Whether nothing gains, twice in a row."""
-        if not found.exhausted:
-            self._exhausted = 0
-            return False
-        self._exhausted += count
+        self._exhausted = self._exhausted + count if nothing_gains(found) else 0
         return self._exhausted >= 2
 
     def _affordable(self, fresh: list[tuple[int, int, int]]) -> bool:

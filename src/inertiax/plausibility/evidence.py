@@ -39,6 +39,7 @@ class Log:
     step: float  # s, the usual time from sample to sample
     turning: bool = False  # slowly all along: the rests are stretches of that
     ramps: float = 0.0  # s, of plateaus at whose ends the gyros still changed; left out
+    found: Segments | None = None  # all of them as recorded, with what disturbs them
     known: dict[tuple[str, str], Means] = dataclasses.field(default_factory=dict)  # asked before
 
     @property
@@ -166,4 +167,5 @@ def look_at_one(recording: Recording, found: Segments | None = None) -> Log:
         usual_step(recording),
         found.turning is not None,
         found.ramps,
+        found,
     )

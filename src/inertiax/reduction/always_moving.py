@@ -15,6 +15,10 @@ from ..data.recording import Recording
 _BLOCK = 0.1  # s, of a mean: shorter than a step, longer than a motor's vibration
 _SAMPLES = 4  # at least, of a mean: white noise leaves a quarter of its variance in it
 _SHARE = 1 / 3  # of the variance within a window, in the means: more than white noise leaves
+# Times what white noise leaves in means of n samples, 1/n, that every triad must have: a third more than its mean,
+# where the quietest windows of white noise have half of it. Steps shake accelerometers between means, too, and leave
+# less than a third in them.
+_OVER_WHITE = 4 / 3
 # rad/s, scatter of the means, all axes together, 5°/s: 1°/s/√Hz on each axis, ten times the noisiest gyros sold, and
 # twice what a hand that holds still does.
 _RATE = np.radians(5.0)
@@ -39,7 +43,8 @@ class Moving:
 def moving(recording: Recording, step: float, width: int) -> Moving | None:
     """Rows in which the device moves by itself; `None` where some twentieth of the windows is as quiet as a rest.
 
-    Every triad that there is must say so: a gyro in a wrong unit is as loud, and a motor shakes accelerometers alone.
+    Every triad must be loud, with more in its means than white noise leaves, and one of them with a third: a gyro in a
+    wrong unit is as loud, and a motor shakes accelerometers alone.
     `step` is the time from sample to sample, s, and `width` the rows of a window.
     """
     size = max(int(round(_BLOCK / step)) if step > 0.0 else 1, _SAMPLES)
@@ -56,10 +61,14 @@ def moving(recording: Recording, step: float, width: int) -> Moving | None:
         limits.append(_RATE)
         calm.append(_HELD[1])
         found.append(_scatter(gyro, size, width))
+    shares = []
     for limit, (slow, share) in zip(limits, found, strict=True):
         quiet = slow <= np.quantile(slow, _QUIETEST)
-        if not (slow[quiet].max() > limit and np.median(share[quiet]) > _SHARE):
+        shares.append(float(np.median(share[quiet])))
+        if not (slow[quiet].max() > limit and shares[-1] > min(_OVER_WHITE / size, _SHARE)):
             return None
+    if max(shares) <= _SHARE:
+        return None
     loud = np.max([slow / most for most, (slow, _) in zip(calm, found, strict=True)], axis=0)
     least = int(np.argmin(loud))
     said = []

@@ -22,6 +22,11 @@ class ClipThresholds:
 
 
 THRESHOLDS = ClipThresholds()
+FEWEST_AT_END = (
+    5  # samples in a row at an extreme, below which it is noise or a turn's peak (convention)
+)
+FEWEST_ELSEWHERE = 20  # pairs of samples that tell how often a channel repeats its value
+BY_CHANCE = 1e-3  # channels in which chance makes so long a run
 
 
 def clipped(
@@ -78,12 +83,12 @@ def holds_extreme(x: Float[np.ndarray, " time"], extreme: float) -> bool:
     with probability about N p^L; below one in a thousand it must be the end of the range.
     """
     there = x == extreme
-    if there.sum() < 5 or there.all():
+    if there.sum() < FEWEST_AT_END or there.all():
         return False
     elsewhere = ~there[1:] & ~there[:-1]
-    if elsewhere.sum() < 20:
+    if elsewhere.sum() < FEWEST_ELSEWHERE:
         return False
     repeats = (np.sum((x[1:] == x[:-1]) & elsewhere) + 1) / (elsewhere.sum() + 2)
     edges = np.flatnonzero(np.diff(np.concatenate([[False], there, [False]]).astype(np.int8)))
     longest = int((edges[1::2] - edges[::2]).max())
-    return longest >= 5 and bool(len(x) * repeats**longest < 1e-3)
+    return longest >= FEWEST_AT_END and bool(len(x) * repeats**longest < BY_CHANCE)

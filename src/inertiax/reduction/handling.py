@@ -43,6 +43,7 @@ class HandlingThresholds:
 
 
 THRESHOLDS = HandlingThresholds()
+PAUSE = 20.0  # usual steps without a sample that are a gap, as `check` counts them
 MOST_SLIPS = 3  # of a rest that are looked for, one after another
 
 
@@ -90,8 +91,12 @@ class Undisturbed:
         left_out: bool = True,
     ) -> Disturbance:
         """The rows `[first, last)` of a rest as a disturbance."""
-        time = recording.time
-        end = float(time[min(last.__index__(), len(time) - 1)])
+        time, step = recording.time, usual_step(recording)
+        before, end = (float(time[min(last.__index__() - k, len(time) - 1)]) for k in (1, 0))
+        if (
+            end - before > PAUSE * step
+        ):  # nobody knows how the device lay while nothing was recorded
+            end = before + step
         where = int(self.position[rest])
         return Disturbance(recording.name, float(time[first]), end, kind, where, left_out)
 

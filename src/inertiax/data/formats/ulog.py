@@ -52,10 +52,16 @@ def read(path: Path, columns: ColumnMap, layout: Layout = AS_FOUND) -> tuple[Rec
     names = ("sensor_combined",) if topic == "sensor_combined" else _TOPICS[:2]
     instances = sorted({i for name, i in data if name in names})
     if not instances:
+        other = "sensor_combined"
+        cure = (
+            f' [recordings] topic = "{other}" reads that, which PX4 has corrected.'
+            if other in imus and topic != other
+            else ""
+        )
         raise ValueError(
             f"{path.name}: no topic {' or '.join(names)} in the log; it has "
             f"{imus or 'none of ' + str(_TOPICS)}. Log raw sensor "
-            "topics (SDLOG_PROFILE, sensor comparison)."
+            f"topics (SDLOG_PROFILE, sensor comparison).{cure}"
         )
     if layout.instance is not None:
         if layout.instance not in instances:
