@@ -56,7 +56,8 @@ def reduce_to_dwells(
 
     **Returns** one row per block in order of time within each recording, as NumPy arrays. For the
     covariances see `mean_covariance.covariances_of_means`: they hold what the scatter within a dwell
-    says about its mean, not what changes from dwell to dwell (positioning, bias wander).
+    says about its mean, not what changes from dwell to dwell (positioning, bias wander), but for a log of one
+    rest (`wandering_rest`).
 
     Raises `ValueError` for several devices, for recordings with different columns, and where
     nothing rests.
