@@ -20,7 +20,7 @@ from inertiax.reduction.quiet_level import Bursts
 from inertiax.reduction.rest_ends import quiet_part
 from inertiax.reduction.rests import find_rests
 from inertiax.reduction.segments import segment
-from inertiax.reduction.tilts import tilting
+from inertiax.reduction.tilts import slips, tilting
 
 
 RATE = 100.0  # Hz
@@ -121,6 +121,29 @@ def test_a_dwell_is_the_mean_of_what_is_left_and_blocks_are_cuts_of_the_same_row
     covered = np.concatenate([np.arange(a, b) for a, b in zip(blocks.start, blocks.stop)])
     np.testing.assert_array_equal(covered, np.flatnonzero(used))
     assert len(np.unique(blocks.dwell)) == dwells.num_dwells == 12
+
+
+def _one_rest(force, rate, seed=6):
+    """A rest of 8 s with z up to which `force` (m/s²) and `rate` (rad/s) are added from row 400 on."""
+    rng = np.random.default_rng(seed)
+    accel = [0.0, 0.0, G] + ACCEL * rng.standard_normal((REST, 3))
+    gyro = GYRO_BIAS + GYRO * rng.standard_normal((REST, 3))
+    accel[400:] += force
+    gyro[400 : 400 + len(rate)] += rate
+    return [(accel, gyro)]
+
+
+def test_a_jump_of_both_triads_outputs_is_no_slip():
+    """A force that changes its length, too; and a rate that stays, whose beginning integrates to a turn of 3 mrad."""
+    turn, pulse = 2e-2, 0.1  # rad about x; s
+    across = np.array([0.0, turn * G, 0.0])
+    rates = np.full((round(pulse * RATE), 1), turn / pulse) * [1.0, 0.0, 0.0]
+    assert slips(_one_rest(across, rates), 1.0 / RATE) != [None]  # a turn
+    # As much of |a| as of its direction.
+    assert slips(_one_rest(across + [0.0, 0.0, turn * G], rates), 1.0 / RATE) == [None]
+    lasting = np.full((REST - 400, 1), np.deg2rad(1.5)) * [1.0, 0.0, 0.0]
+    small = np.array([0.0, 3e-3 * G, 0.0])
+    assert slips(_one_rest(small, lasting), 1.0 / RATE) == [None]
 
 
 @pytest.mark.parametrize("degrees", [0.6, 1.0, 2.0])

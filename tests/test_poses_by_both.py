@@ -14,16 +14,17 @@ RATE = 100.0
 UP = np.array([[0, 0, 1], [1, 0, 0], [0, 0, 1], [0, 1, 0], [0, 0, 1], [-1, 0, 0], [0, 0, 1]], float)
 
 
-def log():
-    """Upright on a table for 10 s, and between by hand on three faces for 4 s, trembling by 3°/s about the axis up."""
+def log(pause=4.0, tremor=4.0):
+    """Upright on a table for 10 s, and between on three faces for a `pause`, s, by hand: it trembles by 3°/s rms about
+    the axis up (`tremor`, °/s)."""
     rng = np.random.default_rng(7)
     force, rate = [], []
     for k, up in enumerate(UP):
-        rows = int(RATE * (4.0 if k % 2 else 10.0))
+        rows = int(RATE * (pause if k % 2 else 10.0))
         time = np.arange(rows) / RATE
         force.append(np.tile(G * up, (rows, 1)))
-        tremor = np.radians(4.0) * np.sin(2 * np.pi * 1.7 * time + k)
-        rate.append(np.outer(tremor, up) * (k % 2))
+        trembling = np.radians(tremor) * np.sin(2 * np.pi * 1.7 * time + k)
+        rate.append(np.outer(trembling, up) * (k % 2))
         if k < len(UP) - 1:
             turn = np.linspace(0.0, np.pi / 2, 100)[:, None]
             force.append(G * (np.cos(turn) * up + np.sin(turn) * UP[k + 1]))
@@ -44,6 +45,16 @@ def test_the_model_says_why_poses_do_not_count():
     reason = next(r for r in chosen.reasons if r.startswith("accelerometers"))
     assert "all rests are in one pose" in reason and warning is None
     assert "quiet in 4 directions, but the gyros turn there" in reason
+
+
+def test_the_model_says_which_poses_were_too_brief():
+    recording = log(pause=1.2, tremor=0.0)
+    campaign = Campaign((recording,), Site(gravity=G))
+    dwells = reduce_to_dwells([recording])
+    assert directions(dwells, [recording]) == 1
+    chosen, _ = settle_accel(campaign, choose_model(campaign, campaign.recordings), dwells)
+    reason = next(r for r in chosen.reasons if r.startswith("accelerometers"))
+    assert "for half a second at a time it is quiet in 4 directions, too short to count" in reason
 
 
 def test_a_draft_counts_the_poses_of_a_calibration(tmp_path):

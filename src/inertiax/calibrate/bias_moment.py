@@ -1,6 +1,9 @@
 """Of what moment a bias' interval speaks, in words, where the device wanders during its log."""
 
+import numpy as np
+
 from ..calibration.quantities import rms_text
+from .mean_output import told_of_the_sensor
 from .results import TriadResult
 from .slow_noise import of_one_log, wander
 
@@ -16,11 +19,24 @@ _OF_DEVICE = (
     ", by {} (1 sigma); the intervals of the biases are those of the device beside such slow noise, and wider than of "
     "the mean over these experiments"
 )
+_OF_REST = (
+    "{}: the output wanders within the one rest; the intervals of the biases hold what it differs by from one stretch "
+    "of this length to the next, {} (1 sigma); after the next switching on it may be off by more"
+)
 
 
 def moment_words(result: TriadResult | None) -> tuple[str, ...]:
-    """One sentence where dwells more likely than not err alike; none else."""
-    if result is None or result.slow_noise.probability < _LIKELY:
+    """One sentence where dwells more likely than not err alike, or their only one wanders; none else."""
+    result = told_of_the_sensor(result)
+    if result is None:
+        return ()
+    within = result.dwells.wander
+    if within is not None:
+        triad = result.estimator.triad
+        own = np.asarray(within)[0, :3] if triad == "accel" else np.asarray(within)[0, 3:]
+        size = float(np.max(own))
+        return (_OF_REST.format(_NAMES[triad], rms_text(_UNITS[triad], size)),) if size else ()
+    if result.slow_noise.probability < _LIKELY:
         return ()
     triad, rows = result.estimator.triad, result.fitted
     size = wander(result.dwells if rows is None else rows, result.estimator, result.slow_noise)

@@ -4,7 +4,7 @@ A rest is one direction, however far the outputs drift in it: while it lasts not
 another are one where the gyros turn by nothing between them and the accelerometers go on from where they were.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -48,12 +48,25 @@ def directions(dwells: Dwells, recordings: Sequence[Recording] = ()) -> int:
 
 def directions_without_gyros(recordings: Sequence[Recording]) -> int:
     """How many directions the rests show that accelerometers alone find; 0 where labels say what a rest is."""
+    alone = lambda log: Recording(time=log.time, accel=log.accel)
+    return _searched(recordings, alone, _WINDOW)
+
+
+def directions_in_brief(recordings: Sequence[Recording]) -> int:
+    """How many directions show that both triads find by half the window; 0 where labels say what a rest is."""
+    return _searched(recordings, lambda log: log, 0.5 * _WINDOW)
+
+
+def _searched(
+    recordings: Sequence[Recording], seen: Callable[[Recording], Recording], window: float
+) -> int:
+    """Directions of the rests that a search of what is `seen` of each recording finds."""
     means = []
     for log in recordings:
         if log.accel is None or log.gyro is None or isinstance(log, StoredRecording):
             continue
         if rests_are_searched(log):
-            quiet = find_rests(Recording(time=log.time, accel=log.accel), window=_WINDOW)
+            quiet = find_rests(seen(log), window=window)
             ranges = zip(quiet.start, quiet.stop, strict=True)
             means += [log.accel[a:b].mean(axis=0) for a, b in ranges]
     return num_directions(np.array(means)) if means else 0

@@ -15,7 +15,7 @@ from ..physics.temperature import AbstractBasis, Constant, Polynomial
 from ..reduction.dwells import Dwells
 from ..reduction.rotations_between_rests import shortfall, Turns
 from .model_spec import LEAST_SPAN, ModelSpec
-from .poses import directions, directions_without_gyros
+from .poses import directions, directions_in_brief, directions_without_gyros
 
 
 class ChosenModel(Module):
@@ -219,11 +219,18 @@ def settle_accel(
         return _with_accel(campaign, chosen, "static", reason), None
     if found == 1 and chosen.gyro_estimator is not None:
         reason = "accelerometers: 'static' because all rests are in one pose, which tells how outputs change in time"
-        quiet = directions_without_gyros(campaign.recordings)
+        quiet, brief = (
+            count(campaign.recordings) for count in (directions_without_gyros, directions_in_brief)
+        )
         if quiet > 1:
             reason += (
                 f"; the accelerometers alone are quiet in {quiet} directions, but the gyros turn there: a rest takes "
                 "2 s or longer on a table"
+            )
+        elif brief > 1:
+            reason += (
+                f"; for half a second at a time it is quiet in {brief} directions, too short to count: let it lie for "
+                "2 s or longer in each"
             )
         return _with_accel(campaign, chosen, "static", reason), None
     others = chosen.gyro_estimator is not None or any(

@@ -20,9 +20,10 @@ from .manual_turns import turned_by_hand, with_known_angles
 from .mean_covariance import covariances_of_means
 from .rests import ALWAYS_MOVES, TURNED_SLOWLY, usual_step
 from .rounded_temperature import hidden_by_steps, with_courses
-from .sample_sums import joined_means, Reduced, reduced, scatter_of
+from .sample_sums import joined_means, outputs_of, Reduced, reduced, scatter_of
 from .segments import Segments
 from .turning_hand import less_turning
+from .wandering_rest import wander_of_rest
 
 
 # Which dwells' scatter is pooled: that of plateaus (0), of rests (1), and these.
@@ -55,7 +56,8 @@ def reduce_to_dwells(
 
     **Returns** one row per block in order of time within each recording, as NumPy arrays. For the
     covariances see `mean_covariance.covariances_of_means`: they hold what the scatter within a dwell
-    says about its mean, not what changes from dwell to dwell (positioning, bias wander).
+    says about its mean, not what changes from dwell to dwell (positioning, bias wander), but for a log of one
+    rest (`wandering_rest`).
 
     Raises `ValueError` for several devices, for recordings with different columns, and where
     nothing rests.
@@ -83,7 +85,7 @@ def reduce_to_dwells(
             f"constant rate{why}; let it lie for seconds in each orientation, or give a column 'position' of 0 or more "
             f"at rest (or reference_gyro).{next(filter(None, map(remark, recordings)), '')}"
         )
-    dwells = _means(recordings, parts)
+    dwells = _with_wander(_means(recordings, parts), recordings, parts)
     if not hidden:
         return dwells
     return dataclasses.replace(dwells, hidden_by_steps=np.full(dwells.num_dwells, hidden))
@@ -245,6 +247,29 @@ def _means(recordings: Sequence[Recording], parts: list[_Blocks]) -> Dwells:
         move=move if move.any() else None,
         held=held if held.any() else None,
     )
+
+
+def _with_wander(dwells: Dwells, recordings: Sequence[Recording], parts: list[_Blocks]) -> Dwells:
+    """The dwells with what slow noise makes of the only rest's means, which no other rest can tell."""
+    if dwells.num_dwells > 1 or dwells.position[0] < 0 or dwells.held is not None:
+        return dwells
+    assert dwells.rows is not None
+    number, first, stop, _ = dwells.rows[0]
+    if parts[number].turning is not None:
+        return dwells
+    rows = first + np.flatnonzero(parts[number].used[first:stop])
+    wander, changed = np.zeros(6), {}
+    for k, triad in enumerate(("accel", "gyro")):
+        covariance = getattr(dwells, f"{triad}_covariance")
+        if covariance is None:
+            continue
+        outputs = outputs_of(recordings[number], triad, rows)
+        more = wander_of_rest(outputs, np.diagonal(covariance[0]))
+        changed[f"{triad}_covariance"] = covariance + np.diag(more)
+        wander[3 * k : 3 * k + 3] = np.sqrt(more)
+    if not wander.any():
+        return dwells
+    return dataclasses.replace(dwells, **changed, wander=wander[None])
 
 
 def _of_full_length(

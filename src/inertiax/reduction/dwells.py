@@ -29,6 +29,7 @@ _INNER = {
     "mag": (3,),
     "mag_covariance": (3, 3),
     "rows": (4,),
+    "wander": (6,),
 }
 
 
@@ -75,6 +76,9 @@ class Dwells(eqx.Module):
     held: Bool[AnyArray, " *dwell"] | None = None
     # °C, 1 sigma: what a probe's coarse steps hide of all temperatures, where they show (`rounded_temperature`).
     hidden_by_steps: Float[AnyArray, " *dwell"] | None = None
+    # 1 sigma, m/s² of accelerometers and rad/s of gyros: what slow noise within a log's one rest gives to its
+    # covariances (`wandering_rest`), where it shows.
+    wander: Float[AnyArray, "*dwell 6"] | None = None
 
     def __check_init__(self):
         shape = jnp.shape(self.time)

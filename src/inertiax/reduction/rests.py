@@ -16,6 +16,7 @@ from ..data.recording import Recording
 from ..data.stored_recording import StoredRecording
 from .always_moving import moving
 from .held_rows import held_rows
+from .turning_rests import turning, TURNS
 
 
 PAUSE = 20  # usual steps; a longer pause in the stamps ends an interval
@@ -148,18 +149,32 @@ def find_rests(recording: Recording, *, window: float, fewest: int = 16) -> Rest
     if _rates_wander(recording, edges):
         nothing = np.zeros(0, np.int64)
         return Rests(nothing, nothing, statement=f"no rest: {TURNED_SLOWLY}", levels=levels)
+    turns = _turning(recording, edges, width)
+    if turns.all() and len(turns):
+        nothing = np.zeros(0, np.int64)
+        return Rests(nothing, nothing, statement=f"no rest: {ALWAYS_MOVES}; {TURNS}", levels=levels)
+    start, stop, edges = start[~turns], stop[~turns], edges[~turns]
     statement = (
         f"{len(start)} rest{'s' * (len(start) != 1)} found: motion below {threshold:.3g} times the quietest level over "
         f"{width * step:.3g} s; the same number for any threshold from {low:.4g} to {high:.4g}"
     )
     # Quiet windows follow one another, but over less than one; where a hand turns round they are fewer than half of it.
-    brief = len(_runs(motion <= threshold, pauses, width // 2)[0]) - len(start)
+    brief = len(_runs(motion <= threshold, pauses, width // 2)[0]) - len(turns)
     if brief:
         statement += (
             f"; {brief} stretch{'es' * (brief > 1)} as quiet, shorter than these, "
             f"{'are' if brief > 1 else 'is'} too short to count: lay the device down for longer"
         )
+    if turns.any():
+        statement += f"; {turns.sum()} more left out: there {TURNS}"
     return Rests(edges[:, 0], edges[:, 1], threshold, statement, high / low, levels)
+
+
+def _turning(recording: Recording, edges: Int[np.ndarray, "rest 2"], width: int) -> Mask:
+    """Which rests turn about the vertical; none without both triads."""
+    if recording.accel is None or recording.gyro is None:
+        return np.zeros(len(edges), bool)
+    return turning(recording.accel, recording.gyro, edges, usual_step(recording), width)
 
 
 def _rates_wander(recording: Recording, edges: Int[np.ndarray, "rest 2"]) -> bool:

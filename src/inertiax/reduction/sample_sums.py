@@ -168,7 +168,7 @@ def _line(
     part: Reduced, triad: str, rows: Int[np.ndarray, " row"], starts: Int[np.ndarray, " dwell"]
 ) -> Line:
     recording, counts = part.recording, part.counts
-    x = _outputs(recording, triad, rows)
+    x = outputs_of(recording, triad, rows)
     over = lambda v: np.add.reduceat(v, starts, axis=0)
     mean = over(x) / counts[:, None]
     deviations = x - np.repeat(mean, counts, axis=0)
@@ -192,7 +192,7 @@ def _line(
     return Line(mean, middle, slope, products, converter_steps(getattr(recording, triad)), found)
 
 
-def _outputs(recording: Recording, triad: str, rows: Int[np.ndarray, " row"]) -> np.ndarray:
+def outputs_of(recording: Recording, triad: str, rows: Int[np.ndarray, " row"]) -> np.ndarray:
     """A triad's outputs, less the reference where there is one."""
     x, ideal = getattr(recording, triad)[rows], getattr(recording, f"reference_{triad}", None)
     return x if ideal is None else x - ideal[rows]
@@ -205,7 +205,7 @@ def _deviations(
     dwell: Int[np.ndarray, " row"],
     line: Line,
 ) -> Float[np.ndarray, "row 3"]:
-    deviations = _outputs(recording, triad, rows) - line.mean[dwell]
+    deviations = outputs_of(recording, triad, rows) - line.mean[dwell]
     time = recording.time[rows] - line.time[dwell]
     deviations = deviations - time[:, None] * line.slope[dwell]
     force = None if line.swing is None else swung_by(recording, triad, rows)

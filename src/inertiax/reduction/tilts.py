@@ -2,6 +2,8 @@
 
 With the specific force $f$ at rest, a turn by the small angle $\\theta$ changes it by $-\\theta \\times f$. An
 accelerometer's drift changes its output and no rate; a gyro's changes a rate and no direction; only a turn does both.
+Where a device restarts or is switched over, biases of both triads jump at once, and by chance that looks like a turn.
+But a turn leaves |f|, and rests follow it whose rates are those of the rests before.
 """
 
 from dataclasses import dataclass
@@ -46,6 +48,9 @@ class _Turns:
     row: Int[np.ndarray, " moment"]  # middle of the moment, row of the rest
     seen: Float[np.ndarray, "moment 3"]  # by the direction of the specific force
     integrated: Float[np.ndarray, "moment 3"]  # by the gyros
+    length: Float[np.ndarray, " moment"]  # change of the specific force's, over it
+    # What a jump of the gyros' biases makes of `integrated` at most: half the change of rate for the time of a slip.
+    jump: Float[np.ndarray, " moment"]
 
 
 def slips(
@@ -96,7 +101,9 @@ def _turns(
     rest_rate = 0.5 * (before[1] + after[1])
     angle = (over(sums[1], row, row + gap) - gap * rest_rate) * step
     across = angle - np.sum(angle * up, axis=1, keepdims=True) * up
-    return _Turns(row + gap // 2, seen, across)
+    norms = [np.linalg.norm(means[0], axis=1) for means in (before, after)]
+    jump = 0.5 * gap * step * np.linalg.norm(after[1] - before[1], axis=1)
+    return _Turns(row + gap // 2, seen, across, (norms[1] - norms[0]) / size[:, 0], jump)
 
 
 def _sums(x: np.ndarray) -> np.ndarray:
@@ -117,9 +124,13 @@ def _quiet(turns: _Turns) -> Float[np.ndarray, "2"]:
 @no_type_check  # as in `quiet_level`
 def _slip(turns: _Turns, sigma: Float[np.ndarray, "2"], limits: TiltThresholds) -> int | None:
     seen, integrated = (np.linalg.norm(x, axis=1) for x in (turns.seen, turns.integrated))
-    least = np.minimum(seen / max(sigma[0], 1e-12), integrated / max(sigma[1], 1e-12))
+    turned = np.maximum(integrated - turns.jump, 0.0)
+    least = np.minimum(seen / max(sigma[0], 1e-12), turned / max(sigma[1], 1e-12))
     apart = np.linalg.norm(turns.seen - turns.integrated, axis=1)
     alike = apart < limits.agree * np.hypot(*sigma) + limits.share * np.maximum(seen, integrated)
+    # Scale factors and misalignments in the raw data change the length by a part of the turn, too.
+    of_noise = ordered(np.abs(turns.length), 0.25) / 0.3186
+    alike &= np.abs(turns.length) < limits.agree * of_noise + limits.share * seen
     score = np.where(alike, least, 0.0)
     k = int(np.argmax(score))
     return int(turns.row[k]) if score[k] > limits.deviations else None

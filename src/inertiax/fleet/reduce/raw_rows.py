@@ -11,7 +11,7 @@ import equinox as eqx
 import jax
 import numpy as np
 import polars as pl
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from ...data.formats import ColumnMap
 from ...data.formats.columns import (
@@ -116,8 +116,8 @@ def reduce_table(
     """Dwells of each device; the table holds `rows[0]` rows of the first device, then those of the second …
 
     A device that turns at a constant rate, by its reference, is reduced alone as `inertiax calibrate` does, since its
-    plateaus count; with `exact` so is every device, whose weights are then calibrate's own. With `force` data that
-    cannot be right have dwells too.
+    plateaus count, and so is one of a single rest, whose bias may wander within it; with `exact` so is every device,
+    whose weights are then calibrate's own. With `force` data that cannot be right have dwells too.
     """
     table = with_moving_rows(table, columns)
     quick = _by_sums(table, rows, devices, columns, force)
@@ -126,12 +126,20 @@ def reduce_table(
     usable = np.array(
         [r in ("", NO_REST) if t else r == "" for r, t in zip(quick.reasons, turning)]
     )
-    alone = np.flatnonzero(usable & (turning | exact))
+    alone = np.flatnonzero(usable & (turning | exact | _of_one_rest(quick)))
     if not len(alone):
         return quick
     slices = (table.slice(int(ends[k] - rows[k]), int(rows[k])) for k in alone)
     made = [reduce_alone(t, columns, devices[k]) for t, k in zip(slices, alone)]
     return quick.with_reduced(alone, made)
+
+
+def _of_one_rest(quick: Reduction) -> Bool[np.ndarray, " device"]:
+    """Which devices have one dwell alone."""
+    found = np.zeros(len(quick.devices), bool)
+    for stack in quick.stacks:
+        found[stack.members[stack.counts == 1]] = True
+    return found
 
 
 def _by_sums(

@@ -4,7 +4,8 @@ Rests without what disturbs them, plateaus of constant rate, dwells cut where th
 of each mean from all of its samples. It takes some ten milliseconds a device, where the sums over blocks take one.
 """
 
-import equinox as eqx
+import dataclasses
+
 import msgspec
 import numpy as np
 import polars as pl
@@ -51,8 +52,8 @@ def reduce_alone(table: pl.DataFrame, columns: ColumnMap, name: str) -> Reduced:
         dwells = reduce_to_dwells([recording])
     except ValueError as error:
         return Reduced(name, None, " ".join(str(error).split()).rstrip("."))
-    # Which rows a dwell has is of no use further on, and the other devices do not know it.
-    own = eqx.tree_at(lambda d: d.rows, dwells, None)
+    # Which rows a dwell has and how it wanders is of no use further on, and the other devices do not know it.
+    own = dataclasses.replace(dwells, rows=None, wander=None)
     return Reduced(name, own, recorded=recorded([recording]))
 
 
