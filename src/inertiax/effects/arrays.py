@@ -52,8 +52,8 @@ def _new(name: str) -> Callable[..., Any]:
 
 
 # By the names of both libraries, those of Python's own functions among them.
-zeros, zeros_like, ones_like, full, full_like, eye = map(
-    _new, ("zeros", "zeros_like", "ones_like", "full", "full_like", "eye")
+zeros, zeros_like, ones_like, full, eye = map(
+    _new, ("zeros", "zeros_like", "ones_like", "full", "eye")
 )
 asarray, broadcast_to, concatenate, roll, where = map(
     _either, ("asarray", "broadcast_to", "concatenate", "roll", "where")

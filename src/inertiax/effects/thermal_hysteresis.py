@@ -17,11 +17,6 @@ from .signal import Signal
 
 SPREAD = (0.25, 0.5, 1.0, 1.5, 2.0)  # half-widths of the plays side by side, in radii
 PAIR = (1.0, 5.0)
-# Of the range, by which a log begins away from the room: the play from there on is at its end, and below it a form of
-# its own would hardly differ from the middle.
-AWAY = 0.1
-# °C, at which devices lie between uses (ISO 1). A log that begins cold begins on the branch that was cooled down.
-ROOM = 20.0
 WIDEST = 0.45  # of the plays: a loop that is nearly as wide as the range has one turn in it
 LEAST = 2.0  # °C, a range of temperature that can hold a loop
 # Part of the range: what is less than this hardly counts as a turn, though a probe without noise showed it. Convention.
@@ -32,22 +27,19 @@ AT_TURN = 1e-6  # weight by which the branch that was decides where both branche
 
 
 def shape(
-    signal: Signal, *, radius: Scalar | float, loop: str, on: str, start: str = "middle"
+    signal: Signal, *, radius: Scalar | float, loop: str, on: str
 ) -> Float[AnyArray, "time channels columns"]:
     """Play operator of half-width `radius` (part of the temperature range) less the temperature
     itself, scaled to ±1; Rayleigh's parabolic loop, whose branch turns after `radius`; plays side by
     side (Prandtl and Ishlinskii): in equal parts, or a narrow and a wide one with a coefficient each; or the branch
-    alone, −1 while it warms and 1 while it cools, turned where the temperature turns by more than `2 radius`.
-
-    The log's first temperature is in the middle of each play, or with `start` "room" it was come to from `ROOM`.
-    """
+    alone, −1 while it warms and 1 while it cools, turned where the temperature turns by more than `2 radius`."""
     t = xp.asarray(signal.temperature)
     low, high = xp.min(t), xp.max(t)
     radius = xp.asarray(radius)
     if loop == "branch":
         branch = _branch(t, radius * (high - low))[:, None, None]
         return branch if on == "bias" else inputs(signal)[:, :, None] * branch
-    leads = [_lead(t, part * radius * (high - low), start) for part in _parts(loop)]
+    leads = [_lead(t, part * radius * (high - low)) for part in _parts(loop)]
     lead = _loop(xp.stack(leads, axis=-1), t, low, high, loop)
     if on == "bias":
         return lead[:, None, :]
@@ -75,13 +67,8 @@ def _loop(
     return lead
 
 
-def _lead(
-    temperature: Float[AnyArray, " time"], width: Scalar | float, start: str
-) -> Float[AnyArray, " time"]:
-    if start == "middle":
-        return (play(temperature, width) - temperature) / width
-    before = xp.full_like(temperature[:1], ROOM)
-    return (play(xp.concatenate([before, temperature]), width)[1:] - temperature) / width
+def _lead(temperature: Float[AnyArray, " time"], width: Scalar | float) -> Float[AnyArray, " time"]:
+    return (play(temperature, width) - temperature) / width
 
 
 def _branch(
@@ -121,21 +108,10 @@ def variants(signal: Signal) -> tuple[Variant, ...]:
     forms += [("Rayleigh", 0.02), ("spread", 0.1), ("spread", 0.16), ("pair", 0.05)]
     turn = _least_turn(temperature)
     forms += [("branch", turn)] * (turn < WIDEST)
-    away = abs(float(temperature[0]) - ROOM) > AWAY * np.ptp(temperature)
-    from_room = [("play", r) for r in (0.05, 0.1, 0.16, 0.24)] if away else []
-    return (
-        *(
-            Variant(f"{on}, {loop} {r:g}", {"radius": r, "loop": loop, "on": on})
-            for on in ("bias", "scale")
-            for loop, r in forms
-        ),
-        *(
-            Variant(
-                f"bias, {loop} {r:g} from room temperature",
-                {"radius": r, "loop": loop, "on": "bias", "start": "room"},
-            )
-            for loop, r in from_room
-        ),
+    return tuple(
+        Variant(f"{on}, {loop} {r:g}", {"radius": r, "loop": loop, "on": on})
+        for on in ("bias", "scale")
+        for loop, r in forms
     )
 
 
@@ -154,9 +130,8 @@ def _follow(
         state, lead = _follow_branch(state, t, moment, settings["radius"] * (high - low))
         return state, lead if settings["on"] == "bias" else _times_inputs(moment, lead)
     widths = xp.asarray(_parts(settings["loop"])) * settings["radius"] * (high - low)
-    # The play begins in the middle, at the temperature within the range, or comes from the room's.
-    begun = t if settings.get("start", "middle") == "middle" else xp.full_like(t, ROOM)
-    state = xp.where(moment.first, begun, state)
+    # The play begins in the middle, at the temperature within the range.
+    state = xp.where(moment.first, t, state)
     state = xp.clip(state, t - widths, t + widths)
     lead = _loop((state - t) / widths, t, low, high, settings["loop"])
     if settings["on"] == "bias":
