@@ -129,6 +129,8 @@ def _nine(
             [-up @ matrix, up[:, _ELEMENTS[:, 0]] * off[:, _ELEMENTS[:, 1]]], axis=1
         )
         size = np.linalg.norm(rows, axis=0)
+        if not size.all():  # a dead channel
+            return None
         singular = np.linalg.svd(rows / size, compute_uv=False)
         if singular[-1] < _WIDE * singular[0]:
             return None
