@@ -45,7 +45,7 @@ def beside(problem, lead, rivals):
         (0.42, 1e-9, True),  # neither moves it
     ],
 )
-def test_a_name_is_applied_where_it_is_more_likely_than_what_calibrates_otherwise(
+def test_a_name_is_applied_where_less_is_left_to_expect_than_without_any(
     problem, chance, size, applied
 ):
     lead = candidate(problem, "second_order", size, chance)
@@ -55,6 +55,13 @@ def test_a_name_is_applied_where_it_is_more_likely_than_what_calibrates_otherwis
     found = with_likely_applied(one, plain)
     assert len(found.stored) == len(found.terms) == applied
     assert (found is one) == applied and len(found.withheld) == (not applied)
+
+
+def test_a_name_whose_rivals_move_the_calibration_the_same_way_is_applied(problem):
+    lead = candidate(problem, "second_order", 1e-2, 0.42)
+    rival = candidate(problem, "second_order", 0.6e-2, 0.58)
+    one = beside(problem, lead, [rival])
+    assert with_likely_applied(one, problem.plain.calibration) is one
 
 
 def test_without_rivals_all_is_applied(problem):

@@ -1,27 +1,27 @@
-"""Named effects that the written calibration is without, since other names that are left would calibrate otherwise.
+r"""Named effects that the written calibration is without, since other names that are left would calibrate otherwise.
 
-A name with rivals is the likeliest of several, and may be less likely than all others together. Taken away all the
-same, it would more often than not leave a calibration that is wrong by its whole difference from the right one. Rivals
-that move the calibration alike, within what it is known to, do not matter: under each of them it is the same.
+A name with rivals is the likeliest of several, and may be less likely than all others together. With the odds $p_k$ of
+the names and the shift $d_k$ of the calibration by each, over its standard deviations, the calibration is expected to
+be off by $\sum p_k |d_k - d_0|^2$ with the first one applied and by $\sum p_k |d_k|^2$ without any. The smaller one
+is written; below one standard deviation in all, it does not matter and the name is applied.
 """
 
 from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Float
 
 from ...calibration.calibration import Calibration, TriadCalibration
 from ..selection.verdict import Named
 from .augmented_calibration import Beside, shift_by
 
 
-# The chance of the name and of rivals that calibrate alike, from which on it is applied: more likely right than wrong.
-LEAST = 0.5
+# Square of standard deviations, of all coefficients together, below which names calibrate alike.
+ALIKE = 1.0
 
 
 def with_likely_applied(one: Beside, plain: Calibration) -> Beside:
-    """The effects of a triad, of which those less likely than `LEAST` are withheld; `plain` is the calibration before
-    any of them."""
+    """The effects of a triad, of which those that are expected to leave more than they take are withheld; `plain` is
+    the calibration before any of them."""
     triad = getattr(plain, one.prepared.form.triad)
     if triad is None or np.shape(triad.covariance)[0] != one.prepared.system.base.coefficients.size:
         return one  # of one pose: the effects are all that is told of the accelerometers
@@ -40,23 +40,19 @@ def with_likely_applied(one: Beside, plain: Calibration) -> Beside:
 
 
 def _likely(one: Beside, named: Named, triad: TriadCalibration) -> bool:
-    odds = named.odds
-    if len(odds) == 1:
+    if len(named.odds) == 1:
         return True
     known = np.sqrt(np.diagonal(np.asarray(triad.covariance, float)))
-    lead = shift_by(one.prepared, named.candidate, triad)
-    chance = float(odds[0])
-    for part, rival in zip(odds[1:], named.rivals, strict=True):
+    known = np.where(known > 0.0, known, np.inf)  # what is held moves by nothing
+    lead = shift_by(one.prepared, named.candidate, triad) / known
+    applied, without = 0.0, float(named.odds[0]) * float(lead @ lead)
+    for part, rival in zip(named.odds[1:], named.rivals, strict=True):
         # One that is kept for what it predicts has no size of its own, by which it could differ.
         sized = rival.score.term is rival.term
-        if not sized or _alike(shift_by(one.prepared, rival, triad) - lead, known):
-            chance += float(part)
-    return chance >= LEAST
-
-
-def _alike(apart: Float[np.ndarray, " unknown"], known: Float[np.ndarray, " unknown"]) -> bool:
-    """Whether two calibrations differ in no coefficient by more than its standard deviation."""
-    return bool(np.all(np.abs(apart) <= known))
+        moved = shift_by(one.prepared, rival, triad) / known if sized else lead
+        applied += float(part) * float((moved - lead) @ (moved - lead))
+        without += float(part) * float(moved @ moved)
+    return applied <= max(without, ALIKE)
 
 
 def withheld_sentence(named: Named) -> str:
