@@ -347,6 +347,7 @@ def test_the_device_is_its_text_without_blanks(tmp_path, written, serial, pieces
         write_compensated(other, tmp_path / "log.csv", file, campaign=tmp_path, size=size)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("source", ["a.csv", "a.parquet"])
 @pytest.mark.parametrize("start_row", [0, 30])
 @pytest.mark.parametrize("blocks", [True, False], ids=["blocks", "interleaved"])

@@ -126,6 +126,7 @@ def parameters_of(basis, values, temperature):
     return np.repeat(values, len(temperature), axis=0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("real", ["double", "float"])
 @pytest.mark.parametrize("basis", BASES[:4], ids=lambda b: f"{type(b).__name__} of {b.size}")
 def test_compiled_header_gives_the_magnetometers_field(tmp_path, basis, real):

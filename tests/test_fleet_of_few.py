@@ -237,6 +237,7 @@ def test_what_calibrate_says_of_the_positions_of_one_device_the_fleet_says_too(t
     assert said in [f.text[0].lower() + f.text[1:] for f in alone.findings]
 
 
+@pytest.mark.slow
 def test_magnetometers_that_a_fleet_leaves_out_are_told(tmp_path, capsys, monkeypatch):
     _write_hand_log(tmp_path / "line" / "A", FACES, mag=True)
     status, told, err = run(capsys, monkeypatch, "fleet", tmp_path / "line", "-o", tmp_path / "run")

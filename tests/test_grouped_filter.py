@@ -140,6 +140,7 @@ def test_groups_are_made_once_and_forgotten_with_their_chain():
     assert key not in grouped_filter._KNOWN
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("channels, heated", CASES)
 def test_many_variances_side_by_side_give_what_each_gives_alone(channels, heated):
     one = chain(channels, heated)

@@ -203,6 +203,7 @@ def test_a_rest_held_by_hand_counts_for_the_magnitude_of_the_force_alone():
     assert not usable(form("gyro", "static"), blocks)[blocks.held].any()
 
 
+@pytest.mark.slow
 def test_a_direction_that_a_hand_held_alone_is_not_lost_to_the_accelerometers():
     """The one rest at -z trembles by 1 mrad: its |a| is as good as any other's, and nothing else tells that bias.
 

@@ -272,6 +272,7 @@ def _red(rng, decay, shape):
     return lfilter([np.sqrt(1 - decay**2)], [1, -decay], white, axis=1)[:, 2000:]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("decay", [0.0, 0.5, 0.9, 0.97])
 def test_covariance_of_a_mean_is_right_for_correlated_noise(decay):
     # Theory by brute force: 1ᵀ R 1 / n² with the Toeplitz matrix R of the autocorrelation.

@@ -97,6 +97,7 @@ def record(folder, seed, rows=ROWS):
 
 
 # By moves; and where they last for two rows, by the Earth's rate at the rests.
+@pytest.mark.slow
 @pytest.mark.parametrize("rows, certain", [(10, 5e-6), (1, 3e-3)])
 def test_errors_of_gyros_on_a_table_that_only_positions_are_as_stated(tmp_path, rows, certain):
     off = []

@@ -65,6 +65,7 @@ def test_gyros_that_read_nothing_of_the_earths_rate_are_said_to():
     assert "read nothing of the Earth's rate" in found.statement and found.remedy is None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("size", [0.0, 20.0, 500.0])  # °/h/g
 def test_a_right_latitude_is_not_contradicted_by_the_gyros_own_g_sensitivity(size):
     own = np.array([[1.0, -0.3, 0.2], [0.1, -0.8, 0.0], [0.4, 0.2, 0.6]])

@@ -251,6 +251,7 @@ def _recordings(rows: int, gyro: bool = False):
     return (Recording(np.arange(rows) / RATE, accel=values, gyro=values if gyro else None),)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("in_parts_of", [None, 90_000])
 def test_turns_that_are_a_thousandth_of_a_long_log_part_its_rests(tmp_path, in_parts_of):
     # Twelve rests of a quarter of an hour, and turns of half a second between them.

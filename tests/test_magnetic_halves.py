@@ -40,6 +40,7 @@ def sigmas(change):
     return np.sqrt(np.diag(np.asarray(found.covariance))[:3])
 
 
+@pytest.mark.slow
 def test_a_hard_iron_that_changes_is_in_the_sigma():
     """Each half is 1 µT off the whole; what the samples' noise adds is a hundredth of that."""
     quiet, moved = sigmas(0.0), sigmas(2e-6)

@@ -243,6 +243,7 @@ def test_rests_in_which_a_logged_current_switches_are_rests():
     assert 3e-9 < np.median(sigma) < 2e-8
 
 
+@pytest.mark.slow
 def test_rests_with_a_current_that_nobody_logged_are_named():
     recording, _ = _switched(42.0, logged=False)
     campaign = Campaign((recording,), Site(9.81), model=ModelChoice(temperature_degree=0))
@@ -268,6 +269,7 @@ def test_gaps_are_left_out_of_the_rows():
     assert np.all(np.asarray(found.position) == -1)
 
 
+@pytest.mark.slow
 def test_a_waved_log_of_magnetometers_alone(tmp_path):
     # Figures that the command begins meanwhile need outputs of accelerometers or gyros: there are none.
     found = calibrate_device(_waved(), seen=figures_ahead(_waved()))

@@ -73,6 +73,7 @@ def turned_by_hand(rate, force_count, rate_count, path):
             )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("kind", "rate", "force", "turn"),
     [

@@ -43,6 +43,7 @@ def candidate(rows, name, column, evidence):
     return Candidate(term, score, 100.0, evidence)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("dwells", "kept"), [(3, True), (12, False)])
 def test_a_rival_that_predicts_nothing_is_kept_where_few_rests_tell(rows, dwells, kept):
     """n dwells of one size, all but one of which tell each: the rival is behind by √n standard errors."""

@@ -189,6 +189,7 @@ def test_padding_changes_nothing(device):
     assert not np.any(np.asarray(with_padding.residuals)[~valid])
 
 
+@pytest.mark.slow
 def test_experiments_are_grouped_and_padded(device):
     dwells = _dwells(device, 2, "centred")[:40]  # 18 + 18 + 4
     rows, kept = experiment_rows(dwells)

@@ -118,6 +118,7 @@ def test_what_follows_directly_or_differs_by_more_than_tables_do_does_not_come_a
     assert not [t for t in prepared(other, recording).flexible if t.name == NAME]
 
 
+@pytest.mark.slow
 def test_a_fringe_over_rates_that_come_again_is_unexplained():
     """2e-5 rad/s at 42 rates, far from every power and step, where a plateau's noise is 2e-6."""
     found = diagnosed(*plateaus(2e-5))

@@ -37,6 +37,7 @@ def test_stairs_have_the_rates_of_the_straight_line(held):
     assert moved == pytest.approx(np.deg2rad(1800.0), rel=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("held", [2, 4])
 def test_gyros_are_right_beside_angles_that_are_held(tmp_path, held):
     record(tmp_path / "A", seed=held, held=held)
