@@ -6,13 +6,13 @@ import pytest
 
 from inertiax.data.recording import Campaign, ModelChoice, Recording, Site
 from inertiax.diagnose.estimates.at_elements import (
-    _inverse,
     _normal,
     _placed,
     _places,
     extrapolated,
 )
 from inertiax.diagnose.problem import prepare
+from inertiax.numerics.linear_algebra import scaled_inverse
 
 
 TAU, G, REST = 200.0, 9.81, 20  # s, m/s², rows of a rest
@@ -68,7 +68,7 @@ def test_what_is_added_is_that_of_the_estimator(ramp):
     ratio = variance(both) / variance(by_probe)
     assert ratio > 1.5  # the elements were 10 °C below it
     # The fit's own covariance, of white noise: zero but for y's bias, whose powers stand 12 apart.
-    fit = _placed(_inverse(_normal(prepared)), *_places(24, 12, 2), 24)
+    fit = _placed(scaled_inverse(_normal(prepared)), *_places(24, 12, 2), 24)
     more = extrapolated(prepared, [lag], fit, 12)
     own = np.ix_([1, 13], [1, 13])
     found = top @ (fit + more)[own] @ top / (top @ fit[own] @ top)

@@ -14,11 +14,10 @@ from ..reduction.dwells import Dwells
 from ..reduction.earth_at_rest import (
     horizontal_covariance,
     is_known,
+    rounding_hides_earth,
     shown_by_dwells,
     without_earth_rate,
 )
-from ..reduction.mean_noise import converter_steps
-from ..reduction.shown_earth_rate import hidden_by_steps
 
 
 HEADING = "Earth's rate, heading unknown"  # as a source of uncertainty
@@ -53,20 +52,6 @@ def earth_taken_away(dwells: Dwells, campaign: Campaign) -> tuple[Dwells, tuple[
     return without_earth_rate(dwells, campaign), _words(dwells, campaign)
 
 
-def _is_hidden(dwells: Dwells, campaign: Campaign) -> bool:
-    """Whether some recording's gyros are too coarse to tell (`reduction.shown_earth_rate.hidden_by_steps`)."""
-    if dwells.rows is None:
-        return False
-    rows = np.asarray(dwells.rows)[np.asarray(dwells.position) >= 0]
-    for number, recording in enumerate(campaign.recordings):
-        own = rows[rows[:, 0] == number]
-        if recording.gyro is not None and len(own):
-            variance = np.array([recording.gyro[a:b].var(axis=0) for _, a, b, _ in own.tolist()])
-            if hidden_by_steps(converter_steps(recording.gyro), variance, campaign.site):
-                return True
-    return False
-
-
 def _words(dwells: Dwells, campaign: Campaign) -> tuple[str, ...]:
     """What becomes of Earth's rate in dwells as recorded; nothing where a reference holds it."""
     site = campaign.site
@@ -78,7 +63,11 @@ def _words(dwells: Dwells, campaign: Campaign) -> tuple[str, ...]:
         return (f"gyros: Earth's rate, up to {whole:.1f} °/h, is part of the biases{cure}",)
     up, level = math.sin(site.latitude), math.cos(site.latitude)
     shown = shown_by_dwells(dwells, site)
-    if shown is not None and shown.absent and _is_hidden(dwells, campaign):
+    if (
+        shown is not None
+        and shown.absent
+        and rounding_hides_earth(dwells, campaign.recordings, site)
+    ):
         return (
             f"gyros: the converter's step hides Earth's rate, {whole * up:.1f} °/h along the vertical by the latitude; "
             "none is taken away",

@@ -283,7 +283,7 @@ def _beyond_earth(
     size = np.linalg.norm(both, axis=0)
     size = np.where(size > 0.0, size, 1.0)
     each = np.linalg.lstsq(both / size, residual)[0] / size
-    return bool(np.abs(each[model.shape[1] :]).max() * 9.8 > 2.0 * EARTH_RATE)
+    return not is_no_more(9.8 * each[model.shape[1] :])
 
 
 def _biases(

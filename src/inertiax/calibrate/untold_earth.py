@@ -12,6 +12,7 @@ import numpy as np
 
 from .._typing import AnyArray
 from ..calibration.calibration import Calibration, TriadCalibration
+from ..calibration.quantities import DEG_PER_HOUR
 from ..physics.wgs84 import EARTH_RATE
 from .goodness_of_fit import ATTENTION, Finding
 from .results import TriadResult
@@ -24,7 +25,6 @@ MOST = 2.0 * EARTH_RATE
 _LEAST = 0.1 * EARTH_RATE
 # Standard deviations from which an element of D is there: chance gives one of nine that in 2.4 % of fits.
 _TOLD = 3.0
-_DEG_PER_HOUR = float(np.rad2deg(1.0)) * 3600.0
 
 
 def no_reference_tells(rates: AnyArray | None) -> bool:
@@ -56,10 +56,10 @@ def earth_in_g_sensitivity(
     values, sigmas = values[own], sigmas[own]
     if not is_no_more(values) or not np.any(np.abs(values) > _TOLD * sigmas):
         return []
-    size = np.abs(values).max() * _DEG_PER_HOUR
+    size = np.abs(values).max() * DEG_PER_HOUR
     text = (
         f"{name}: the g-sensitivity, {size:.2g} °/h/g at most, is no larger than the Earth's rate makes "
-        f"({EARTH_RATE * _DEG_PER_HOUR:.0f} °/h), whose heading no reference tells: it may be that, and no property of "
+        f"({EARTH_RATE * DEG_PER_HOUR:.0f} °/h), whose heading no reference tells: it may be that, and no property of "
         "the gyros. A table's angles with [site] latitude tell them apart."
     )
     return [Finding("earth_rate", ATTENTION, text)]

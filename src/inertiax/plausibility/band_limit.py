@@ -18,12 +18,12 @@ from jaxtyping import Float
 from .dead_channels import triads
 from .evidence import DeviceLogs, Log
 from .finding import Finding, finding
+from .rest_windows import parts_of_rests
 from .thresholds import Thresholds
 
 
 WINDOW = 64  # samples of one spectrum
 FEWEST = 100  # spectra; their ratio is then known to 6 %
-MOST = 4000
 LOW, HIGH = (0.35, 0.5), (0.85, 0.97)  # shares of half the sampling rate
 REPEATS = 0.05  # share of repeated samples beyond which holding shapes the spectrum
 DEEPEST = 0.7  # q up to which the ratio, known to 3 %, tells one pole's corner to a quarter
@@ -43,12 +43,9 @@ def check_band_limit(device: DeviceLogs, limits: Thresholds) -> list[Finding]:
 
 def fall(log: Log, values: Float[np.ndarray, "time 3"]) -> Float[np.ndarray, "3"] | None:
     """The spectrum's ratio of the lower to the upper frequencies, by axis; `None` where the rests are too short."""
-    starts = [np.arange(a, b - WINDOW + 1, WINDOW) for a, b in zip(log.start, log.stop)]
-    rows = np.concatenate(starts) if starts else np.zeros(0, np.int64)
-    if len(rows) < FEWEST:
+    parts = parts_of_rests(log, values, WINDOW, FEWEST)
+    if parts is None:
         return None
-    rows = rows[:: -(-len(rows) // MOST)]
-    parts = values[rows[:, None] + np.arange(WINDOW)]
     if np.any(np.mean(parts[:, 1:] == parts[:, :-1], axis=(0, 1)) > REPEATS):
         return None
     window = np.hanning(WINDOW)[:, None]

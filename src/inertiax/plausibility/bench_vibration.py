@@ -7,9 +7,9 @@ since a direction of the room is another one in each pose, and the median over m
 
 import numpy as np
 
-from .band_limit import MOST
 from .evidence import DeviceLogs, Log
 from .finding import Finding, finding
+from .rest_windows import parts_of_rests
 from .thresholds import Thresholds
 
 
@@ -37,12 +37,9 @@ def _line(log: Log, limits: Thresholds) -> tuple[float, float, float] | None:
     values = log.recording.accel
     if values is None:
         return None
-    starts = [np.arange(a, b - WINDOW + 1, WINDOW) for a, b in zip(log.start, log.stop)]
-    rows = np.concatenate(starts) if starts else np.zeros(0, np.int64)
-    if len(rows) < FEWEST:
+    parts = parts_of_rests(log, values, WINDOW, FEWEST)
+    if parts is None:
         return None
-    rows = rows[:: -(-len(rows) // MOST)]
-    parts = values[rows[:, None] + np.arange(WINDOW)]
     window = np.hanning(WINDOW)[:, None]
     shape = np.abs(np.fft.rfft((parts - parts.mean(axis=1, keepdims=True)) * window, axis=1)) ** 2
     # Of one side, to the variance that each frequency has.

@@ -8,10 +8,9 @@ from jaxtyping import Float
 from ..data.recording import Site
 from ..physics.wgs84 import EARTH_RATE
 from ..reduction.dwell_means import reduce_to_dwells
-from ..reduction.earth_at_rest import shown_by_dwells
-from ..reduction.mean_noise import converter_steps
+from ..reduction.earth_at_rest import rounding_hides_earth, shown_by_dwells
 from ..reduction.segments import each_without_disturbances
-from ..reduction.shown_earth_rate import FAR, FEWEST, hidden_by_steps, shown_earth_rate
+from ..reduction.shown_earth_rate import FAR, FEWEST, shown_earth_rate
 from .evidence import DeviceLogs, Log
 from .finding import Finding, finding
 from .thresholds import Thresholds
@@ -42,7 +41,7 @@ def check_earth_shown(device: DeviceLogs, limits: Thresholds) -> list[Finding]:
     except ValueError:  # nothing is left of the rests, or their columns differ
         return []
     shown, rests = shown_by_dwells(dwells, site), int((dwells.position >= 0).sum())
-    if shown is None or not shown.absent or any(_hidden(log, site) for log in logs):
+    if shown is None or not shown.absent or rounding_hides_earth(dwells, recordings, site):
         return []
     return [finding("earth_rate", "note", "gyro", _text(logs[0].name, site, shown.part, shown.std, rests),
                     part=shown.part, std=shown.std, rests=rests)]  # fmt: skip
@@ -55,14 +54,6 @@ def _is_clearly_there(logs: list[Log], site: Site) -> bool:
     count = np.concatenate([log.stop - log.start for log in logs])
     shown = shown_earth_rate(means("gyro"), means("accel"), count, site, _temperature(logs))
     return shown is not None and 0.0 < shown.part - FAR * shown.std
-
-
-def _hidden(log: Log, site: Site) -> bool:
-    """Whether the log's gyros are too coarse to tell (`reduction.shown_earth_rate.hidden_by_steps`)."""
-    gyro, over_rests = log.recording.gyro, log.over_rests("gyro")
-    if gyro is None or over_rests is None:
-        return False
-    return hidden_by_steps(converter_steps(gyro), np.square(over_rests.std), site)
 
 
 def _temperature(logs: list[Log]) -> Float[np.ndarray, " rest"] | None:

@@ -18,16 +18,18 @@ than whole turns leaves of that, `untold_heading_covariance`.
 
 import dataclasses
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from .._typing import AnyArray
-from ..data.recording import Campaign, Site
+from ..data.recording import Campaign, Recording, Site
 from ..physics.vectors import unit_vector
 from ..physics.wgs84 import EARTH_RATE
 from .dwells import Dwells
-from .shown_earth_rate import Shown, shown_earth_rate
+from .mean_noise import converter_steps
+from .shown_earth_rate import rounding_hides_it, Shown, shown_earth_rate
 
 
 # Earth rates: what a reference that holds all of it has across gravity, from 1° off the poles on.
@@ -78,6 +80,20 @@ def shown_by_dwells(dwells: Dwells, site: Site) -> Shown | None:
     used = (dwells.gyro, dwells.accel, dwells.count, dwells.temperature)
     gyro, force, count, temperature = (np.asarray(x)[rest] for x in used)
     return shown_earth_rate(gyro, force, count, site, temperature)
+
+
+def rounding_hides_earth(dwells: Dwells, recordings: Sequence[Recording], site: Site) -> bool:
+    """Whether some recording's gyros are too coarse to tell (`shown_earth_rate.rounding_hides_it`)."""
+    if dwells.rows is None:
+        return False
+    rows = np.asarray(dwells.rows)[np.asarray(dwells.position) >= 0]
+    for number, recording in enumerate(recordings):
+        own = rows[rows[:, 0] == number]
+        if recording.gyro is not None and len(own):
+            variance = np.array([recording.gyro[a:b].var(axis=0) for _, a, b, _ in own.tolist()])
+            if rounding_hides_it(converter_steps(recording.gyro), variance, site):
+                return True
+    return False
 
 
 def without_earth_rate(dwells: Dwells, campaign: Campaign) -> Dwells:

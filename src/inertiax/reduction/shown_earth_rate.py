@@ -89,7 +89,7 @@ def shown_earth_rate(
     return Shown(part, math.sqrt(max(unlike, 1.0) / float(certain.sum())))
 
 
-def hidden_by_steps(
+def rounding_hides_it(
     step: Float[AnyArray, "3"], variance: Float[AnyArray, "rest 3"], site: Site
 ) -> bool:
     """Whether the gyros' means cannot tell of Earth's rate, for what rounding leaves of them hides it on an axis.

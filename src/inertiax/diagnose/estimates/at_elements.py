@@ -17,6 +17,7 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 
+from ...numerics.linear_algebra import scaled_inverse
 from ..candidates.signatures import Term
 from ..element_temperature import bilinear
 from ..problem import Prepared
@@ -45,7 +46,11 @@ def extrapolated(
     if seen is prepared or size == 1:
         return np.zeros_like(covariance)
     told, taken, carried = _normal(seen), _normal(prepared), _normal(prepared, seen)
-    told, taken = _inverse(told), _inverse(taken)
+    told, taken = scaled_inverse(told), scaled_inverse(taken)
+    if not (np.isfinite(told).all() and np.isfinite(taken).all()):
+        return np.zeros_like(
+            covariance
+        )  # not determined: nothing is known of what is written either
     carried = taken @ carried
     more = told - carried @ told @ carried.T
     place, own = _places(len(told), count, size)
@@ -65,12 +70,18 @@ def left_to_the_probe(seen: Prepared, term: Term) -> Term:
     """The term with what the parameters at the elements' temperatures leave of its columns: (E − X_s G_s) of them."""
     made = []
     for chain, columns in zip(term.chains, term.columns, strict=True):
-        weight = 1.0 / np.sqrt(seen.system.chains[chain].white)[:, None]
-        x = seen.system.base.columns[chain]
-        norm = np.linalg.norm(x * weight, axis=0) + 1e-300
-        step = np.linalg.lstsq(x * weight / norm, columns * weight, rcond=1e-10)[0] / norm[:, None]
-        made.append(columns - x @ step)
+        made.append(columns - seen.system.base.columns[chain] @ taken_up(seen, chain, columns))
     return replace(term, columns=tuple(made))
+
+
+def taken_up(
+    prepared: Prepared, chain: int, columns: Float[np.ndarray, "row coefficients"]
+) -> Float[np.ndarray, "own coefficients"]:
+    """The parameters of one chain that take most of these columns in: G of them, for the chain's own columns."""
+    weight = 1.0 / np.sqrt(prepared.system.chains[chain].white)[:, None]
+    x = prepared.system.base.columns[chain]
+    norm = np.linalg.norm(x * weight, axis=0) + 1e-300
+    return np.linalg.lstsq(x * weight / norm, columns * weight, rcond=1e-10)[0] / norm[:, None]
 
 
 def _normal(first: Prepared, second: Prepared | None = None) -> Float[np.ndarray, "own own"]:
@@ -83,12 +94,6 @@ def _normal(first: Prepared, second: Prepared | None = None) -> Float[np.ndarray
         white = first.system.chains[k].white[:, None]
         normal[np.ix_(index, index)] += base.columns[k].T @ (other.columns[k] / white)
     return normal
-
-
-def _inverse(normal: Float[np.ndarray, "own own"]) -> Float[np.ndarray, "own own"]:
-    norm = np.sqrt(np.maximum(np.diagonal(normal), 1e-300))
-    inverse = np.linalg.pinv(normal / norm[:, None] / norm, rcond=1e-12, hermitian=True)
-    return inverse / norm[:, None] / norm
 
 
 def _places(total: int, count: int, size: int) -> tuple[np.ndarray, np.ndarray]:

@@ -29,7 +29,7 @@ from ..problem import Prepared, Problem
 from ..selection.evidence import Candidate
 from ..selection.verdict import Named
 from .applied_effects import fitted_effects
-from .at_elements import extrapolated, left_to_the_probe
+from .at_elements import extrapolated, left_to_the_probe, taken_up
 from .unknown_settings import Unknown, unknown_settings
 
 
@@ -192,10 +192,7 @@ def _slope(
     system = prepared.system
     slope = np.zeros((size * count, term.size))
     for c, columns in zip(term.chains, term.columns):
-        weight = 1.0 / np.sqrt(system.chains[c].white)[:, None]
-        x = system.base.columns[c]
-        norm = np.linalg.norm(x * weight, axis=0) + 1e-300
-        step = np.linalg.lstsq(x * weight / norm, columns * weight, rcond=1e-10)[0] / norm[:, None]
+        step = taken_up(prepared, c, columns)
         number, power = np.divmod(system.base.index[c], size)
         # Lever arms are effects of the calibration, not parameters of the triad
         own = number < count
