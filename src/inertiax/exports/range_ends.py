@@ -12,7 +12,7 @@ from jaxtyping import Float
 
 from ..data.frames import TRIADS
 from ..data.recording import Recording
-from ..reduction.clipping import BY_CHANCE, FEWEST_AT_END, FEWEST_ELSEWHERE
+from ..reduction.clipping import beyond_habit
 
 
 _UNITS = {"accel": (1.0, "m/s²"), "gyro": (180.0 / math.pi, "°/s")}
@@ -81,11 +81,8 @@ class RangeEnds:
         return tuple(said)
 
     def _stays(self, triad: str, axis: int, end: _End) -> bool:
-        """As `reduction.clipping.holds_extreme`, of all pieces."""
         rows, pairs, repeats = (int(v) for v in self._sums[triad, axis])
-        elsewhere = pairs - end.pairs
         # What a channel reads most of the time, as gyros do in rests without noise, is no end of its range.
-        if not FEWEST_AT_END <= end.rows <= rows // 2 or elsewhere < FEWEST_ELSEWHERE:
+        if end.rows > rows // 2:
             return False
-        habit = (repeats - end.repeats + 1) / (elsewhere + 2)
-        return end.longest >= FEWEST_AT_END and rows * habit**end.longest < BY_CHANCE
+        return beyond_habit(end.longest, rows, repeats - end.repeats, pairs - end.pairs)

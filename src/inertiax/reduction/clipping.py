@@ -77,18 +77,26 @@ def clipped_rows(values: Float[np.ndarray, "time 3"]) -> Bool[np.ndarray, " time
 
 
 def holds_extreme(x: Float[np.ndarray, " time"], extreme: float) -> bool:
-    """Whether runs at the extreme are too long for this channel's own habit of repeating values.
-
-    A channel that repeats its last value with probability p stays L samples at one value by chance
-    with probability about N p^L; below one in a thousand it must be the end of the range.
-    """
+    """Whether runs at the extreme are `beyond_habit`."""
     there = x == extreme
     if there.sum() < FEWEST_AT_END or there.all():
         return False
     elsewhere = ~there[1:] & ~there[:-1]
-    if elsewhere.sum() < FEWEST_ELSEWHERE:
-        return False
-    repeats = (np.sum((x[1:] == x[:-1]) & elsewhere) + 1) / (elsewhere.sum() + 2)
+    repeats = int(np.sum((x[1:] == x[:-1]) & elsewhere))
     edges = np.flatnonzero(np.diff(np.concatenate([[False], there, [False]]).astype(np.int8)))
     longest = int((edges[1::2] - edges[::2]).max())
-    return longest >= FEWEST_AT_END and bool(len(x) * repeats**longest < BY_CHANCE)
+    return beyond_habit(longest, len(x), repeats, int(elsewhere.sum()))
+
+
+def beyond_habit(longest: int, rows: int, repeats: int, pairs: int) -> bool:
+    """Whether a run of `longest` rows at one value is too long for a channel's own habit of repeating values.
+
+    A channel of N rows that repeats its last value with probability p stays L samples at one value by chance
+    with probability about N p^L; below one in a thousand it must be the end of the range.
+
+    **Arguments:** p is told by `repeats` among the `pairs` of neighbours elsewhere.
+    """
+    if pairs < FEWEST_ELSEWHERE or longest < FEWEST_AT_END:
+        return False
+    habit = (repeats + 1) / (pairs + 2)
+    return rows * habit**longest < BY_CHANCE
